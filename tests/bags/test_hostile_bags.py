@@ -350,6 +350,7 @@ def test_a_row_that_is_too_long_is_refused_in_a_cut_file_as_well(tmp_path):
     os.truncate(path, path.stat().st_size - 2048)
     with (
         pytest.warns(MapdealWarning, match="cut"), use_memory(60_000_000, is_chosen=True),
-        SqliteBag(path) as bag, pytest.raises(MalformedInputError, match="more memory"),
+        contextlib.closing(SqliteBag(path)) as bag,
+        pytest.raises(MalformedInputError, match="more memory"),
     ):  # fmt: skip
         list(bag.pieces([1]))

@@ -44,8 +44,8 @@ def test_a_scanner_without_limits_keeps_all_ranges_but_needs_valid_angles():
 
 
 def test_points_of_a_scan_are_what_it_hits():
-    found = laser_scan_of(created(scan(1, [2.0, np.inf, 3.0], start=0.0, step=np.pi / 2)))
-    np.testing.assert_allclose(messages.points_of_scan(found), [[2, 0], [-3, 0]], atol=1e-6)
+    message = created(scan(1, [2.0, np.inf, 3.0], start=0.0, step=np.pi / 2))
+    np.testing.assert_allclose(messages.points_of_scan(message), [[2, 0], [-3, 0]], atol=1e-6)
 
 
 def test_frames_lose_their_leading_slash():

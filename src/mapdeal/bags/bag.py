@@ -13,7 +13,6 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from mapdeal.compatibility import Self
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files import source as sources
 from mapdeal.files.transaction import PREFIX
@@ -56,9 +55,7 @@ def check_topic(topic: str) -> str:
     return name
 
 
-Encoding = Literal["ros1", "cdr", ""]
-
-CAN_BE_READ: tuple[Encoding, ...] = ("ros1", "cdr")
+Encoding = Literal["ros1", "cdr", ""]  # empty: of messages that cannot be read
 
 
 @dataclass(frozen=True)
@@ -199,14 +196,8 @@ class Bag(ABC):
     def malformed(self, rule: str, place: str | None = None) -> MalformedInputError:
         return MalformedInputError(rule, source=self.path, place=place)
 
-    def close(self) -> None:  # noqa: B027 - a subclass without a file need not override it
-        ...
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    @abstractmethod
+    def close(self) -> None: ...
 
 
 def normalised_topic(topic: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import mmap
 import sqlite3
 import struct
 from collections.abc import Callable, Iterator, Mapping
@@ -10,20 +11,21 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import IO, Any, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.bags import bag as bags
+from mapdeal.bags.chunked import MCAP_MAGIC
 from mapdeal.bags.decoding import KNOWN, decoder_of
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import access_to, chunks_of, claim
 from mapdeal.files.transaction import Transaction, temporary_folder
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.records import dataclass, replace
+from mapdeal.records import dataclass
 
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
 LIVOX_TYPES = ("livox_ros_driver/msg/CustomMsg", "livox_ros_driver2/msg/CustomMsg")
@@ -45,10 +47,8 @@ _LARGEST_ANGLE = 1000.0
 _LIVOX_POINT = 19  # bytes: the time as uint32, x, y and z as float32, and three uint8
 _BEFORE_POINTS = 20  # bytes: timebase, point_num, lidar_id, rsvd, and the number of points
 
-_MCAP_MAGIC = 8  # bytes
 _CHUNK, _DATA_END, _FOOTER = 0x06, 0x0F, 0x02
 _BEFORE_CHECKSUM = {_CHUNK: 24, _DATA_END: 0, _FOOTER: 16}  # bytes of a record
-_PIECE = 1 << 20
 
 
 class Stamped(NamedTuple):
@@ -79,9 +79,6 @@ class LaserScan:
     def beam_times(self) -> NDArray[np.int64]:
         delays = np.arange(len(self.ranges)) * (self.between * _SECOND)
         return np.asarray(self.time + np.rint(delays).astype(np.int64))
-
-    def at(self, time: int) -> LaserScan:
-        return replace(self, time=time)
 
 
 def time_of(stamp: Any) -> int:
@@ -291,7 +288,8 @@ def points_of_livox(data: bytes, encoding: str) -> NDArray[np.float64]:
     return np.ndarray((count, 3), f"{order}f4", data, first + 4, (stride, 4)).astype(np.float64)
 
 
-def points_of_scan(scan: LaserScan) -> NDArray[np.float64]:
+def points_of_scan(message: Any) -> NDArray[np.float64]:
+    scan = laser_scan_of(message)
     hit = np.isfinite(scan.ranges)
     ranges, angles = scan.ranges[hit], scan.angles[hit]
     return np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
@@ -565,42 +563,22 @@ def add_checksums(path: Path) -> None:
     # mcap.dev, "MCAP Format Specification": CRC-32 of a chunk's records; of all bytes before the
     # record DataEnd; and of those from the summary to the footer's own checksum. DataEnd's checksum
     # covers those of the chunks, which therefore come first.
-    with path.open("r+b") as file:
-        for opcode, start, length in _mcap_records(file):
+    with path.open("r+b") as file, mmap.mmap(file.fileno(), 0) as data, memoryview(data) as view:
+        position, opcode = len(MCAP_MAGIC), 0
+        while opcode != _FOOTER:
+            opcode, length = struct.unpack_from("<BQ", data, position)
+            start = position + 9
+            position = start + length
             if opcode not in _BEFORE_CHECKSUM:
                 continue
             place = start + _BEFORE_CHECKSUM[opcode]
             first, end = 0, start - 9
             if opcode == _CHUNK:
-                file.seek(place + 4)
-                (name,) = struct.unpack("<I", file.read(4))
-                first, end = place + 4 + 4 + name + 8, start + length
+                (name,) = struct.unpack_from("<I", data, place + 4)
+                first, end = place + 4 + 4 + name + 8, position
             elif opcode == _FOOTER:
-                file.seek(start)
-                (first,) = struct.unpack("<Q", file.read(8))
+                (first,) = struct.unpack_from("<Q", data, start)
                 if not first:  # there is no summary
                     continue
                 end = place
-            checksum = _crc(file, first, end)
-            file.seek(place)
-            file.write(struct.pack("<I", checksum))
-
-
-def _mcap_records(file: IO[bytes]) -> Iterator[tuple[int, int, int]]:
-    position = _MCAP_MAGIC
-    opcode = 0
-    while opcode != _FOOTER:
-        file.seek(position)
-        opcode, length = struct.unpack("<BQ", file.read(9))
-        yield opcode, position + 9, length
-        position += 9 + length
-
-
-def _crc(file: IO[bytes], start: int, end: int) -> int:
-    file.seek(start)
-    checksum = 0
-    while start < end:
-        piece = file.read(min(_PIECE, end - start))
-        checksum = crc32(piece, checksum)
-        start += len(piece)
-    return checksum
+            struct.pack_into("<I", data, place, crc32(view[first:end]))

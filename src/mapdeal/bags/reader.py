@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import NamedTuple
 
@@ -55,7 +55,7 @@ class FolderBag(bags.Bag):
             self._compresses_messages = metadata.compression == "message"
             for name in metadata.files:
                 file = self._stack.enter_context(_plain_file(path / name))
-                part = self._stack.enter_context(_STORAGES[metadata.storage](file))
+                part = self._stack.enter_context(closing(_STORAGES[metadata.storage](file)))
                 part.path = path / name  # errors name this file, not the temporary one
                 self._parts.append(part)
         except BaseException:
@@ -199,7 +199,7 @@ def open_bag(path: Path) -> Iterator[bags.Bag]:
         path = path.parent
     with ExitStack() as stack:
         if sources.is_folder(path):
-            bag: bags.Bag = stack.enter_context(FolderBag(path))
+            bag: bags.Bag = FolderBag(path)
         else:
             file = stack.enter_context(_plain_file(path))
             head = sources.head_of(file, 16)
@@ -207,10 +207,11 @@ def open_bag(path: Path) -> Iterator[bags.Bag]:
             if kind is None:
                 rule = "is not a bag of ROS 1 or ROS 2" if head else "is empty"
                 raise MalformedInputError(rule, source=path)
-            bag = stack.enter_context(kind(file))
+            bag = kind(file)
             bag.path = path
+        stack.enter_context(closing(bag))
         names = sorted({connection.serialization for connection in bag.connections})
-        if names and not any(known.encoding in bags.CAN_BE_READ for known in bag.connections):
+        if names and not any(connection.encoding for connection in bag.connections):
             formats = ", ".join(map(repr, names))
             raise bag.malformed(f"its messages are serialized as {formats}; cdr and ros1 are read")
         yield bag
@@ -238,7 +239,7 @@ def select_connections(
         if not same_type:
             rule = f"{topic} is of type {same_topic[0].spelled}; {kind} are of {' or '.join(types)}"
             raise _error(bag, rule, candidates, "there are")
-        if same_type[0].encoding not in bags.CAN_BE_READ:
+        if not same_type[0].encoding:
             rule = f"{topic} is serialized as {same_type[0].serialization!r}; cdr and ros1 are read"
             raise bag.malformed(rule)
         chosen += same_type

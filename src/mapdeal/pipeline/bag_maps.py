@@ -16,14 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.bags import messages
-from mapdeal.bags.bag import (
-    CAN_BE_READ,
-    Bag,
-    Connection,
-    MessageIndex,
-    MessageSpan,
-    normalised_type,
-)
+from mapdeal.bags.bag import Bag, Connection, MessageIndex, MessageSpan, normalised_type
 from mapdeal.bags.messages import Decoder, LaserScan
 from mapdeal.bags.reader import open_bag, select_connections
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
@@ -37,7 +30,7 @@ from mapdeal.mapping.transforms import FrameOptions, Pose, Posed, TransformTree
 from mapdeal.pipeline import local
 from mapdeal.pipeline.inputs import errors_named
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
-from mapdeal.records import dataclass
+from mapdeal.records import dataclass, replace
 from mapdeal.sensors.points import read_trajectory
 from mapdeal.sensors.scans import ScanArrays, ScanSource
 
@@ -173,8 +166,8 @@ def _topics(bag: Bag, spans: dict[int, MessageSpan], decoder: Decoder) -> Iterat
     for (topic, name), connections in sorted(groups.items()):
         of_topic = (spans[connection.id] for connection in connections)
         span = reduce(MessageSpan.joined, of_topic, MessageSpan())
-        can_be_read = connections[0].encoding in CAN_BE_READ
-        commands = list(_COMMANDS.get(name, ())) if can_be_read and span.count else []
+        is_readable = connections[0].encoding and span.count
+        commands = list(_COMMANDS.get(name, ())) if is_readable else []
         has_frame = commands and name not in messages.TF_TYPES
         yield {
             "topic": topic,
@@ -197,7 +190,7 @@ def _frame(bag: Bag, connections: list[Connection], decoder: Decoder) -> str | N
 
 def _edges(bag: Bag, decoder: Decoder, progress: ProgressCallback) -> list[dict[str, Any]]:
     types = (*messages.TF_TYPES, messages.ODOMETRY)
-    readable = [each for each in bag.of_types(*types) if each.encoding in CAN_BE_READ]
+    readable = [each for each in bag.of_types(*types) if each.encoding]
     by_id = {connection.id: connection for connection in readable}
     index = bag.index(by_id) if by_id else ()
     found: Counter[tuple[str, str, str]] = Counter()
@@ -242,7 +235,7 @@ class SensorFrames:
         self.tree = TransformTree(is_exact=is_exact)
         self._fixed = FIXED_FRAMES[0]
         # A robot with a namespace may have its own topics in place of /tf and /tf_static.
-        readable = [tf for tf in bag.of_types(*messages.TF_TYPES) if tf.encoding in CAN_BE_READ]
+        readable = [tf for tf in bag.of_types(*messages.TF_TYPES) if tf.encoding]
         readable = [tf for tf in readable if tf.topic in (_TF, _STATIC)] or readable
         self._static = [tf.id for tf in readable if tf.topic.endswith(_STATIC)]
         moving = [tf.id for tf in readable if tf.id not in self._static]
@@ -467,7 +460,8 @@ class BagClouds:
             points = self._points_of_livox(self.bag.read_message(place), connection)
         else:
             is_cloud = connection.type == messages.POINT_CLOUD
-            points = self._decoder.read(place, self._points_of if is_cloud else _points_of_scan)
+            points_of = self._points_of if is_cloud else messages.points_of_scan
+            points = self._decoder.read(place, points_of)
         if self._is_raw or self._base is None:
             return points
         time, sensor = self._header(number)
@@ -518,10 +512,6 @@ class BagClouds:
             rule = f"where {sensor} stands on {base} is not known at {time} ns"
             raise MalformedInputError(rule, source=self.bag.path, place=self.topic)
         return posed.translations[0], posed.quaternions[0]
-
-
-def _points_of_scan(message: Any) -> Floats:
-    return messages.points_of_scan(messages.laser_scan_of(message))
 
 
 @dataclass(frozen=True, eq=False)
@@ -598,7 +588,7 @@ class BagScans(ScanSource):
         for place in self._index:
             scan = self._decoder.read(place, messages.laser_scan_of)
             self._unstamped += scan.time == 0
-            together.append(scan if scan.time else scan.at(place.time))
+            together.append(scan if scan.time else replace(scan, time=place.time))
             count = len(scan.ranges)
             claim(self._bag.path, _OF_READING * count, what=f"the {count} readings of a scan")
             readings += count
