@@ -35,6 +35,7 @@ from mapdeal.maps.picture import ImageFormat, OpenFile, OpenImage, Picture, Samp
 from mapdeal.records import dataclass, replace
 
 _NOT_AN_IMAGE = "is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
+_NOT_SEPARATE = "white space must separate the header from the pixels"
 _COMMENT_OR_WORD = re.compile(rb"#[^\n\r]*|[^ \t\n\v\f\r#]+")
 _COMMENT = re.compile(rb"#[^\n\r]*")
 _BLANK = re.compile(rb"[ \t\n\v\f\r]")
@@ -54,7 +55,6 @@ class _Header:
     height: int
     maxval: int
     end: int  # offset of the byte behind the last number
-    raw: bytes
 
     @property
     def is_text(self) -> bool:
@@ -90,7 +90,7 @@ def is_pnm(data: bytes) -> bool:
 class PnmImage(OpenImage):
     # By the netpbm standard 1 is black in P1 and P4; the ROS 1 reader takes bits for grey levels.
     def __init__(self, file: OpenFile, limit: int = pictures.LARGEST_CELLS) -> None:
-        self._header = _read_header(file.read(0, pictures.HEAD), file.path)
+        self._header = _read_header(file)
         super().__init__(file, self._header.height, self._header.width, limit)
 
     def memory(self) -> int:
@@ -113,23 +113,22 @@ class PnmImage(OpenImage):
             return read(slice(0, self.height))
         data = self.file.read_all()
         self._claim(self.memory())
-        samples = _plain_samples(data, self._header, self.file.path)
+        samples = _plain_samples(data, self._header, self.file)
         if self._header.is_bits:
             samples = np.where(samples, np.uint8(0), np.uint8(255))
         return pictures.strips_of(self._header.picture(samples))
 
     def bits(self) -> NDArray[np.uint8]:
         """Return the bits of a P1 or P4 file, packed, row 0 in the north."""
-        header, path = self._header, self.file.path
-        data = self.file.read_all()
-        sources.note_sum(path, self.file.sha256)
+        header, file = self._header, self.file
+        data = file.read_all()
+        sources.note_sum(file.path, file.sha256)
         if not header.is_bits:
-            rule, got = "must be a bit map, P1 or P4", f"P{header.magic}"
-            raise MalformedInputError(rule, source=path, place="header", got=got)
+            raise file.error("must be a bit map, P1 or P4", "header", got=f"P{header.magic}")
         self.check_limit()
         self._claim(self._memory_of_text())
         if header.is_text:
-            return np.packbits(_plain_samples(data, header, path), axis=1)
+            return np.packbits(_plain_samples(data, header, file), axis=1)
         count = header.row_bytes * self.height
         packed = np.frombuffer(data, dtype=np.uint8, count=count, offset=self._start())
         return packed.reshape(self.height, -1)
@@ -168,18 +167,17 @@ class PnmImage(OpenImage):
 
     def _start(self) -> int:
         """Return the offset of the first pixel of a binary file; check the file's length."""
-        file, path = self.file, self.file.path
-        expected = self._header.row_bytes * self.height
-        start = _start_of_data(file.read(0, pictures.HEAD), file.size, self._header, expected, path)
+        file, expected = self.file, self._header.row_bytes * self.height
+        start = _start_of_data(file, self._header, expected)
         actual = file.size - start
         if actual < expected:
             rule = f"the pixels end early: expected {expected} bytes"
-            raise MalformedInputError(rule, source=path, place="pixels", got=actual)
+            raise file.error(rule, "pixels", got=actual)
         if actual > expected:
             if is_pnm(file.read(start + expected, _TRAILING).lstrip()):
-                raise MalformedInputError("holds more than one picture", source=path)
+                raise file.error("holds more than one picture")
             text = f"{actual - expected} bytes after the picture were ignored"
-            warn_of(path, text, "image.trailing-bytes")
+            warn_of(file.path, text, "image.trailing-bytes")
         return start
 
 
@@ -192,31 +190,29 @@ def check_pixels(samples: NDArray[Any], maxval: int, first: int, source: Path) -
         raise MalformedInputError(rule, source=source, place=place, got=int(flat[index]))
 
 
-def _read_header(data: bytes, source: Path) -> _Header:
+def _read_header(file: OpenFile) -> _Header:
+    data = file.head
     kind = data[1:2].decode("latin-1")
     if not data.startswith(b"P") or kind not in list("1234567fF"):
-        raise MalformedInputError("is not a netpbm image", source=source)
+        raise file.error("is not a netpbm image")
     if kind not in "123456":
-        name = "PAM" if kind == "7" else "PFM"
-        raise MalformedInputError(f"{name} images are not supported", source=source)
+        raise file.error(f"{'PAM' if kind == '7' else 'PFM'} images are not supported")
     magic, end = int(kind), 2
     numbers: list[int] = []
     for name in ["width", "height"] if magic in (1, 4) else ["width", "height", "maxval"]:
         parts = _COMMENT_OR_WORD.finditer(data, end, end + _LONGEST_HEADER)
         word = next((part for part in parts if not part[0].startswith(b"#")), None)
         if word is None:
-            raise MalformedInputError("the file ends early", source=source, place=f"header {name}")
+            raise file.error("the file ends early", f"header {name}")
         text, end = word[0].decode("latin-1"), word.end()
         # Python takes long to convert numbers of a million digits.
         if not re.fullmatch(r"-?\d{1,12}", text):
-            rule = "must be a whole number"
-            raise MalformedInputError(rule, source=source, place=f"header {name}", got=text)
+            raise file.error("must be a whole number", f"header {name}", got=text)
         numbers.append(int(text))
     width, height, maxval = (*numbers, 1)[:3]
     if not 1 <= maxval <= 65535:
-        rule = "must lie between 1 and 65535"
-        raise MalformedInputError(rule, source=source, place="header maxval", got=maxval)
-    return _Header(magic, width, height, maxval, end, data[:end])
+        raise file.error("must lie between 1 and 65535", "header maxval", got=maxval)
+    return _Header(magic, width, height, maxval, end)
 
 
 def pnm_comments(head: bytes) -> list[str]:
@@ -232,36 +228,35 @@ def pnm_comments(head: bytes) -> list[str]:
     return found
 
 
-def _start_of_data(data: bytes, size: int, header: _Header, expected: int, source: Path) -> int:
+def _start_of_data(file: OpenFile, header: _Header, expected: int) -> int:
     """Return the offset of the first pixel: one byte behind the header, or two after CR LF."""
-    # `data` holds the first bytes of the file, `size` is the file's length. A DOS text conversion
-    # puts CR LF into the header. If no pixel had the value of a line feed, the pixels are intact
-    # and begin one byte later.
+    # A DOS text conversion puts CR LF into the header. If no pixel had the value of a line feed,
+    # the pixels are intact and begin one byte later.
+    data = file.head
     if data[header.end : header.end + 1] == b"#":
         # A comment right behind maxval: its line end is the one byte before the pixels.
         line_end = data.find(b"\n", header.end)
-        return line_end + 1 if line_end >= 0 else size
+        return line_end + 1 if line_end >= 0 else file.size
     separator = data[header.end : header.end + 2]
+    if not separator:
+        raise file.error("the file ends after its header")
     if not separator[:1].isspace():
-        if not separator:
-            raise MalformedInputError("the file ends after its header", source=source)
-        rule = "white space must separate the header from the pixels"
-        raise MalformedInputError(rule, source=source, place=f"byte {header.end}")
+        raise file.error(_NOT_SEPARATE, f"byte {header.end}")
     start = header.end + 1
     if separator != b"\r\n":
         return start
-    length = size - start
+    length = file.size - start
     if length == expected + 1:
         text = "header: DOS line ends; the pixels are intact and were read"
-        warn_of(source, text, "image.dos-header")
+        warn_of(file.path, text, "image.dos-header")
         return start + 1
-    if length == expected and b"\r\n" not in header.raw:
+    if length == expected and b"\r\n" not in data[: header.end]:
         return start  # a lone CR, then a first pixel of value 10
     rule = f"CRLF-damaged: a text conversion has changed the pixels, expected {expected} bytes"
-    raise MalformedInputError(rule, source=source, place="pixels", got=length)
+    raise file.error(rule, "pixels", got=length)
 
 
-def _plain_samples(data: bytes, header: _Header, source: Path) -> Samples:
+def _plain_samples(data: bytes, header: _Header, file: OpenFile) -> Samples:
     count = header.width * header.height * header.channels
     body = data[header.end :]
     if b"#" in body:
@@ -270,17 +265,15 @@ def _plain_samples(data: bytes, header: _Header, source: Path) -> Samples:
         digits = np.frombuffer(body.translate(None, b" \t\n\v\f\r"), dtype=np.uint8)
         is_digit = (digits | 1) == 49
         if not is_digit.all():
-            place = f"pixel {int(np.argmin(is_digit))}"
-            raise MalformedInputError("a P1 pixel must be 0 or 1", source=source, place=place)
-        _check_count(len(digits), count, source)
+            raise file.error("a P1 pixel must be 0 or 1", f"pixel {int(np.argmin(is_digit))}")
+        _check_count(len(digits), count, file)
         return (digits - 48).reshape(header.height, header.width)
     if not body[:1].isspace():
-        rule = "white space must separate the header from the pixels"
-        raise MalformedInputError(rule, source=source, place=f"byte {header.end}")
-    return _numbers(body, count, header.maxval, source)
+        raise file.error(_NOT_SEPARATE, f"byte {header.end}")
+    return _numbers(body, count, header.maxval, file)
 
 
-def _numbers(body: bytes, count: int, maxval: int, source: Path) -> Samples:
+def _numbers(body: bytes, count: int, maxval: int, file: OpenFile) -> Samples:
     """Return the numbers of a text; it is parsed in parts, because words take much memory."""
     samples: Samples = np.empty(count, dtype=np.uint8 if maxval <= 255 else np.uint16)
     found = start = 0
@@ -288,15 +281,15 @@ def _numbers(body: bytes, count: int, maxval: int, source: Path) -> Samples:
         blank = _BLANK.search(body, start + _TEXT_AT_ONCE)
         end = blank.start() if blank else len(body)
         part, start = body[start:end], end
-        values = _whole_numbers(part, found, maxval, source)
-        check_pixels(values, maxval, found, source)
+        values = _whole_numbers(part, found, maxval, file)
+        check_pixels(values, maxval, found, file.path)
         samples[found : found + len(values)] = values[: max(count - found, 0)]
         found += len(values)
-    _check_count(found, count, source)
+    _check_count(found, count, file)
     return samples
 
 
-def _whole_numbers(text: bytes, first: int, maxval: int, source: Path) -> NDArray[np.int64]:
+def _whole_numbers(text: bytes, first: int, maxval: int, file: OpenFile) -> NDArray[np.int64]:
     if not text.strip():
         return np.empty(0, dtype=np.int64)
     with suppress(ValueError):  # numpy refuses other words than numbers, and numbers above int64
@@ -307,14 +300,13 @@ def _whole_numbers(text: bytes, first: int, maxval: int, source: Path) -> NDArra
     words = text.split()
     odd = next(i for i, word in enumerate(words) if not word.isdigit() or len(word) > _MOST_DIGITS)
     rule = f"pixels must be whole numbers from 0 to {maxval}"
-    got, place = words[odd].decode("latin-1"), f"pixel {first + odd}"
-    raise MalformedInputError(rule, source=source, place=place, got=got)
+    raise file.error(rule, f"pixel {first + odd}", got=words[odd].decode("latin-1"))
 
 
-def _check_count(actual: int, expected: int, source: Path) -> None:
+def _check_count(actual: int, expected: int, file: OpenFile) -> None:
     if actual != expected:
-        rule, place = f"must hold {expected} pixel values", f"pixel {min(actual, expected)}"
-        raise MalformedInputError(rule, source=source, place=place, got=actual)
+        place = f"pixel {min(actual, expected)}"
+        raise file.error(f"must hold {expected} pixel values", place, got=actual)
 
 
 PNM = ImageFormat(
@@ -410,7 +402,7 @@ class PillowImage(OpenImage):
         (codec, _, offset, args), info = image.tile[0], dict(image.info)
         raw_mode = args if isinstance(args, str) else args[0]
         if name == "PNG" and image.mode == "P" and image.palette is None:
-            raise MalformedInputError("has no palette", source=path, place="chunk PLTE")
+            raise file.error("has no palette", "chunk PLTE")
         with damage_refused(path), _silent_stderr() if name == "TIFF" else nullcontext():
             if self._has_opacity():
                 from PIL import Image
@@ -445,8 +437,8 @@ class PillowImage(OpenImage):
 
     def _check_parts(self) -> None:
         """Refuse a TIFF that lacks strips or tiles: decoders leave their cells black."""
-        tags, path = self._image.tag_v2, self.file.path
-        with damage_refused(path):  # tags may be of any type
+        tags, file = self._image.tag_v2, self.file
+        with damage_refused(file.path):  # tags may be of any type
             is_tiled = _TILES[0] in tags
             offsets, sizes = (tags.get(tag, ()) for tag in (_TILES if is_tiled else _STRIPS))
             across, down = self._part()
@@ -458,14 +450,12 @@ class PillowImage(OpenImage):
             end = max(map(sum, zip(offsets, sizes, strict=False)), default=0)
         if {len(offsets), len(sizes)} != {expected}:
             rule = f"must list {expected} strips or tiles, as many as cover the picture"
-            got = min(len(offsets), len(sizes))
-            raise MalformedInputError(rule, source=path, place="strips", got=got)
+            raise file.error(rule, "strips", got=min(len(offsets), len(sizes)))
         if sum(sizes) < least:
-            rule = f"the pixels end early: expected {least} bytes"
-            raise MalformedInputError(rule, source=path, got=sum(sizes))
-        if end > self.file.size:
+            raise file.error(f"the pixels end early: expected {least} bytes", got=sum(sizes))
+        if end > file.size:
             rule = f"the pixels end early: expected a file of {end} bytes"
-            raise MalformedInputError(rule, source=path, got=self.file.size)
+            raise file.error(rule, got=file.size)
 
     def _part(self) -> tuple[int, int]:
         tags = self._image.tag_v2
@@ -496,13 +486,13 @@ def _opened(name: str, file: OpenFile, data: BinaryIO | None = None) -> Any:
         try:
             image = Image.open(data or file.stream(), formats=(name,))
         except UnidentifiedImageError:
-            raise MalformedInputError(_NOT_AN_IMAGE, source=path) from None
+            raise file.error(_NOT_AN_IMAGE) from None
         frames = getattr(image, "n_frames", 1)
     pictures.check_size(path, image.width, image.height)
     if frames > 1:
-        raise MalformedInputError("holds more than one picture", source=path)
+        raise file.error("holds more than one picture")
     if not image.tile:
-        raise MalformedInputError("holds no pixels", source=path)
+        raise file.error("holds no pixels")
     return image
 
 
@@ -652,17 +642,16 @@ def recognised_format(head: bytes) -> ImageFormat | None:
 @contextmanager
 def open_image(path: Path, *, max_cells: int | None = None) -> Iterator[OpenImage]:
     with pictures.opened(path) as file:
-        head = file.read(0, pictures.HEAD)
-        if (image_format := recognised_format(head)) is not None:
+        if (image_format := recognised_format(file.head)) is not None:
             limit = image_format.max_cells if max_cells is None else max_cells
             yield image_format.open(file, limit)
             return
-    if not head:
-        raise MalformedInputError("the image file is empty", source=path)
-    if head.startswith(sources.LFS_POINTER):
+    if not file.head:
+        raise file.error("the image file is empty")
+    if file.head.startswith(sources.LFS_POINTER):
         hint = "fetch it with: git lfs pull"
-        raise MalformedInputError("is a Git LFS pointer, not the image", source=path, hint=hint)
-    raise MalformedInputError(_NOT_AN_IMAGE, source=path)
+        raise file.error("is a Git LFS pointer, not the image", hint=hint)
+    raise file.error(_NOT_AN_IMAGE)
 
 
 @contextmanager
@@ -679,7 +668,7 @@ def open_for_one_pass(
     with open_image(path, max_cells=max_cells) as image:
         height, width = image.shape
         with sources.holding(-height * width), image.strips() as strips:
-            yield strips, image.file.read(0, pictures.HEAD)
+            yield strips, image.file.head
 
 
 def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, int]:

@@ -9,6 +9,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.files import source as sources
 from mapdeal.kernels.lookup import look_up
-from mapdeal.records import dataclass, field, replace
+from mapdeal.records import dataclass, replace
 
 Samples = NDArray[np.unsignedinteger[Any]]
 
@@ -127,37 +128,30 @@ class OpenFile:
     size: int
     _descriptor: int
     _state: sources.FileState
-    _head: list[bytes] = field(default_factory=list)
+
+    @cached_property
+    def head(self) -> bytes:
+        return self.read(0, HEAD)
 
     def read(self, offset: int, count: int) -> bytes:
         """Return `count` bytes from `offset`, fewer at the end; refuse a file that has changed."""
         # A memory map is no option: a file that gets shorter would crash the process.
-        if offset < HEAD and self._head:  # a small file is all head
-            known = self._head[0]
-            if offset + count <= len(known) or len(known) == self.size:
-                self._check_state()
-                return known if count >= len(known) and not offset else known[offset:][:count]
         # no larger than the file: allocating a buffer takes longer than reading few bytes
         parts, at, remaining = [], offset, min(count, self.size - offset)
         with sources.access_to(self.path):
             while remaining > 0 and (part := os.pread(self._descriptor, remaining, at)):
                 parts.append(part)
                 at, remaining = at + len(part), remaining - len(part)
-        self._check_state()
-        data = parts[0] if len(parts) == 1 else b"".join(parts)
-        if offset == 0 and count == HEAD:
-            self._head.append(data)
-        return data
-
-    def _check_state(self) -> None:
-        with sources.access_to(self.path):
             after = os.fstat(self._descriptor)
         if sources.FileState.of_status(after) != self._state:
             raise FileAccessError(sources.CHANGED, source=self.path)
+        return b"".join(parts)
+
+    def error(self, rule: str, place: str | None = None, **details: Any) -> MalformedInputError:
+        return MalformedInputError(rule, source=self.path, place=place, **details)
 
     def check_length(self) -> None:
-        """Refuse implausible lengths: sparse files can claim any size."""
-        if self.size > sources.LARGEST_FILE:
+        if self.size > sources.LARGEST_FILE:  # sparse files can claim any size
             rule = f"cannot be read: larger than {sources.LARGEST_FILE} bytes"
             raise FileAccessError(rule, source=self.path, got=self.size)
 
