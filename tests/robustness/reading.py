@@ -30,7 +30,7 @@ from mapdeal.maps import images
 from mapdeal.maps.dialects import DIALECTS, MapMetadata, read_metadata, yaml_of
 from mapdeal.maps.kinds import kind_of
 from mapdeal.maps.listing import list_maps
-from mapdeal.maps.npz import npz_frame, open_npz, read_evidence, read_npz, read_reach
+from mapdeal.maps.npz import open_npz, read_npz, read_reach
 from mapdeal.maps.picture import opened
 from mapdeal.maps.reading import open_map
 from mapdeal.maps.zones import read_zones
@@ -171,7 +171,8 @@ def _check_grid(grid):
 def read_grid(path, data):
     grid = mapdeal.read_map(path)
     _check_grid(grid)
-    assert npz_frame(path) == grid.frame
+    with open_map(path) as file:
+        assert file.frame() == grid.frame
     assert grid.shape[0] * grid.shape[1] <= len(data) * _LARGEST_RATIO
     grid.figures()
     return grid
@@ -203,7 +204,8 @@ def read_reached(path, data):
     map_ = mapdeal.read_map(path)
     _check_grid(map_)
     reached = read_reach(path)
-    assert npz_frame(path) == map_.frame == reached.frame
+    with open_map(path) as file:
+        assert file.frame() == map_.frame == reached.frame
     assert np.array_equal(reached.grid.occupancy, map_.occupancy)
     assert len(reached.start) in (2, 3)
     assert all(map(math.isfinite, reached.start))
@@ -213,7 +215,8 @@ def read_reached(path, data):
 def read_evidence_layers(path, data):
     grid = mapdeal.read_map(path)
     _check_grid(grid)
-    found = read_evidence(path)
+    with open_map(path) as file:
+        found = file.evidence()
     try:
         layers = chosen_layers(found, grid.shape)
     except mapdeal.ParameterError as error:

@@ -405,22 +405,6 @@ def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
         )  # fmt: skip
 
 
-def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, Array]:
-    with NpzReader(path, max_cells) as reader:
-        names = reader.names()
-        return {key: reader.layer(key, kind) for key, kind in _EVIDENCE.items() if key in names}
-
-
-def npz_frame(path: Path) -> Frame:
-    """Return the frame of the grid in an ``.npz`` file; only headers of layers are read."""
-    with NpzReader(path) as reader, _geometry_in(reader) as geometry:
-        layer = _layer_to_read(reader.names())
-        shape = reader.header(layer).shape
-        if len(shape) != 2:
-            raise reader.error(layer, f"must have two axes, has {len(shape)}")
-        return Frame(*shape, *geometry)
-
-
 @contextmanager
 def _geometry_in(reader: NpzReader) -> Iterator[tuple[float, Origin]]:
     """Yield the resolution and origin of an open file; invalid values are errors of that file."""
@@ -492,11 +476,6 @@ _NPZ_READERS: dict[str, Callable[[NpzReader, float, Any], Grid]] = {
 """Readers by the main layer of a file."""
 
 
-def _layer_to_read(names: Collection[str]) -> str:
-    own = _main_layer(names)
-    return "occupancy" if own == _REACH_LAYER else own
-
-
 def _main_layer(names: Collection[str]) -> str:
     return next((layer for layer in _NPZ_READERS if layer in names), "occupancy")
 
@@ -510,14 +489,23 @@ class NpzFile(MapFile):
         with NpzReader(path) as reader, _geometry_in(reader):
             self._names = reader.names()
 
+    def _layer_to_read(self) -> str:
+        own = _main_layer(self._names)
+        return "occupancy" if own == _REACH_LAYER else own
+
     def frame(self) -> Frame:
-        return npz_frame(self.path)
+        layer = self._layer_to_read()
+        with NpzReader(self.path) as reader, _geometry_in(reader) as geometry:
+            shape = reader.header(layer).shape
+            if len(shape) != 2:
+                raise reader.error(layer, f"must have two axes, has {len(shape)}")
+            return Frame(*shape, *geometry)
 
     def memory_to_read(self) -> int:
+        layers = {self._layer_to_read()}
+        if layers & {"distance", "repulsive"}:  # fields include the occupancy they are made of
+            layers |= {"occupancy"} & self._names
         with NpzReader(self.path) as reader:
-            layers = {_layer_to_read(reader.names())}
-            if layers & {"distance", "repulsive"}:  # fields include the occupancy they are made of
-                layers |= {"occupancy"} & reader.names()
             size = sum(reader.header(layer).nbytes for layer in layers)
         return size + min(PIECES, size)
 
@@ -542,7 +530,9 @@ class NpzFile(MapFile):
             )  # fmt: skip
 
     def evidence(self) -> dict[str, Array]:
-        return read_evidence(self.path, max_cells=self._max_cells)
+        with NpzReader(self.path, self._max_cells) as reader:
+            found = [(key, kind) for key, kind in _EVIDENCE.items() if key in self._names]
+            return {key: reader.layer(key, kind) for key, kind in found}
 
     def remark(self, grid: Grid) -> None:
         if type(grid) is OccupancyGrid and _main_layer(self._names) == _REACH_LAYER:
