@@ -211,10 +211,6 @@ class _Scan(NamedTuple):
         return heads[0] == heads[1] and np.array_equal(self.ranges, previous.ranges)
 
 
-class _BadLineError(Exception):
-    """A line that breaks the format of its first word."""
-
-
 class CarmenLog(ScanSource):
     # FLASER lines have 180, 181, 360 or 361 readings over a half circle, and the laser's pose.
     # ROBOTLASER1 lines contain angles, a pose and a maximum range, at which nothing is hit.
@@ -307,8 +303,8 @@ class CarmenLog(ScanSource):
                     self._odometry = _pose(line.split()[1:4])
                     continue
                 scan = next(scans) or _scan_of(line.split())
-            except _BadLineError as error:
-                self._bad.add(number, str(error))
+            except MalformedInputError as error:
+                self._bad.add(number, error.rule)
                 continue
             if self._tag in _POSE_TAGS:
                 yield scan
@@ -359,14 +355,15 @@ def _layout_of(words: list[bytes]) -> _Layout:
     if words[0] == b"FLASER":
         count = _reading_count(words, 1)
         if count not in _FLASER_STEPS:
-            raise _BadLineError(f"FLASER must have 180, 181, 360 or 361 readings, has {count}")
+            rule = f"FLASER must have 180, 181, 360 or 361 readings, has {count}"
+            raise MalformedInputError(rule)
         laser = _Laser(-math.pi / 2, math.radians(_FLASER_STEPS[count]), count)
         longest = 0.0
         parts = {"head": 2, "ranges": count, "pose": 3, "robot": 3}
     else:
         count = _reading_count(words, 8)
         if len(words) < 10 + count:
-            raise _BadLineError(f"must have {count} readings and more, ends before")
+            raise MalformedInputError(f"must have {count} readings and more, ends before")
         start, field, step, longest = _numbers(words[2:6])
         laser = _laser(start, field, step, count)
         remissions = _reading_count(words, 9 + count)
@@ -376,7 +373,8 @@ def _layout_of(words: list[bytes]) -> _Layout:
     parts |= {"time": 1, "logger": 2}
     length = sum(parts.values())
     if len(words) != length:
-        raise _BadLineError(f"{words[0].decode()} must have {length} words here, has {len(words)}")
+        rule = f"{words[0].decode()} must have {length} words here, has {len(words)}"
+        raise MalformedInputError(rule)
     return _Layout(laser, longest, parts)
 
 
@@ -395,7 +393,7 @@ def _scans_at_once(lines: list[bytes]) -> list[_Scan] | None:
     try:
         layout = _layout_of(lines[0].split())
         table = np.loadtxt(lines, layout.record(), comments=None, encoding="ascii", ndmin=1)
-    except (_BadLineError, ValueError):
+    except (MalformedInputError, ValueError):
         return None
     for name in {"head", "middle"}.intersection(layout.parts):
         if (table[name] != table[name][0]).any():
@@ -412,11 +410,12 @@ def _scans_at_once(lines: list[bytes]) -> list[_Scan] | None:
 
 def _laser(start: float, field: float, step: float, count: int) -> _Laser:
     if not (abs(start) <= _LARGEST_ANGLE and 0 < abs(step) <= _LARGEST_ANGLE):  # nan too
-        raise _BadLineError("start angle and resolution must be angles in radians, and not 0")
+        rule = "start angle and resolution must be angles in radians, and not 0"
+        raise MalformedInputError(rule)
     span = abs(step) * (count - 1)
     if field > 0 and count > 1 and abs(span - field) > 1.5 * abs(step):
-        text = f"{count} readings span {span:.4g} rad, not the field of view of {field:.4g}"
-        raise _BadLineError(text)
+        rule = f"{count} readings span {span:.4g} rad, not the field of view of {field:.4g}"
+        raise MalformedInputError(rule)
     return _Laser(start, step, count)
 
 
@@ -428,7 +427,7 @@ def _without_maxima(longest: float, ranges: Floats) -> Floats:
 def _reading_count(words: list[bytes], index: int) -> int:
     word = words[index] if index < len(words) else b""
     if not (word.isdigit() and len(word) < 6):
-        raise _BadLineError("the number of readings is missing or no whole number")
+        raise MalformedInputError("the number of readings is missing or no whole number")
     return int(word)
 
 
@@ -438,14 +437,14 @@ def _numbers(words: list[bytes]) -> list[float]:
             raise ValueError
         return [float(word) for word in words]
     except ValueError:
-        raise _BadLineError("a number is missing or malformed") from None
+        raise MalformedInputError("a number is missing or malformed") from None
 
 
 def _pose(words: list[bytes]) -> tuple[float, float, float]:
     numbers = _numbers(words)
     if len(numbers) == 3 and all(abs(n) <= FARTHEST_POSE for n in numbers):  # refuses nan too
         return numbers[0], numbers[1], numbers[2]
-    raise _BadLineError("the pose must be three finite numbers")
+    raise MalformedInputError("the pose must be three finite numbers")
 
 
 def carmen_lines(
