@@ -234,8 +234,6 @@ def _kind_of_npz(path: Path, head: bytes) -> FileKind | None:
 
 
 def _kind_of_image(path: Path, head: bytes) -> FileKind | None:
-    if head[:1].islower():  # YAML, not an image: avoids importing the formats, which is slow
-        return None
     if (image := recognised_format(head)) is None:
         return None
 

@@ -277,7 +277,20 @@ class PairFile(MapFile):
         return Frame(*self._image.shape, self.metadata.resolution, self.metadata.origin)
 
     def cells(self) -> OccupancyGrid | Costmap:
-        return read_cells(self.path, self.metadata, self._image, self._dialect)
+        metadata, image = self.metadata, self._image
+        with image.strips() as strips:
+            if metadata.cost_scale is not None:
+                cost = np.empty(strips.shape, dtype=np.uint8)
+                for rows, picture in strips.placed():
+                    cost[rows] = costs_of(picture, image.file.path)[::-1]
+                return Costmap(cost, metadata.resolution, metadata.origin)
+            occupancy = np.empty(strips.shape, dtype=np.int8)
+            remarks = PixelRemarks(metadata, self._dialect)
+            for rows, picture in strips.placed():
+                cells_of(picture, metadata, self._dialect, out=occupancy[rows])
+                remarks.add(picture, occupancy[rows])
+        remarks.warn(self.path, image.file.path)
+        return _grid_of(occupancy, metadata)
 
     def rows(self, block_height: int, budget: blocks.CacheBudget | None) -> OccupancyGrid:
         if (read := self._rows) is None:
@@ -312,24 +325,6 @@ class PairFile(MapFile):
 def image_of(path: Path, metadata: MapMetadata, bits: Path | None) -> Path:
     """Return the image of a YAML file; `bits` is the bit map that it must name, if any."""
     return find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
-
-
-def read_cells(
-    yaml_path: Path, metadata: MapMetadata, image: OpenImage, dialect: Dialect
-) -> OccupancyGrid | Costmap:  # fmt: skip
-    with image.strips() as strips:
-        if metadata.cost_scale is not None:
-            cost = np.empty(strips.shape, dtype=np.uint8)
-            for rows, picture in strips.placed():
-                cost[rows] = costs_of(picture, image.file.path)[::-1]
-            return Costmap(cost, metadata.resolution, metadata.origin)
-        occupancy = np.empty(strips.shape, dtype=np.int8)
-        remarks = PixelRemarks(metadata, dialect)
-        for rows, picture in strips.placed():
-            cells_of(picture, metadata, dialect, out=occupancy[rows])
-            remarks.add(picture, occupancy[rows])
-    remarks.warn(yaml_path, image.file.path)
-    return _grid_of(occupancy, metadata)
 
 
 def _grid_of(occupancy: blocks.Layer, metadata: MapMetadata) -> OccupancyGrid:
