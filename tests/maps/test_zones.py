@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mapdeal import MalformedInputError, MapdealWarning, OccupancyGrid
-from mapdeal.maps.zones import filter_mask, read_zones
+from mapdeal.maps.shapes import filter_mask, read_zones
 from maps.geojson import collection, feature, geometry
 
 GRID = OccupancyGrid(np.zeros((30, 40), np.int8), 0.25, (1.0, -2.0, 0.0))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mapdeal
-from mapdeal.maps.zones import read_zones
+from mapdeal.maps.shapes import read_zones
 from mapdeal.report.document import Claim, Entry, Item, Report, Table, page_layers
 from mapdeal.report.page import page_of
 from report.browsers import in_time, started

@@ -33,7 +33,7 @@ from mapdeal.maps.listing import list_maps
 from mapdeal.maps.npz import open_npz, read_npz, read_reach
 from mapdeal.maps.picture import opened
 from mapdeal.maps.reading import open_map
-from mapdeal.maps.zones import read_zones
+from mapdeal.maps.shapes import read_zones
 from mapdeal.pipeline.bag_maps import BagClouds, describe_bag, from_bag
 from mapdeal.pipeline.folder import differences_from_golden
 from mapdeal.pipeline.inputs import numbers_of

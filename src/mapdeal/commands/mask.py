@@ -21,7 +21,7 @@ from mapdeal.grid.reach import Goal
 from mapdeal.kernels.lookup import histogram
 from mapdeal.maps import dialects, map_server
 from mapdeal.maps.reading import write_grid
-from mapdeal.maps.zones import Zone, filter_mask, name_at, read_zones
+from mapdeal.maps.shapes import Zone, filter_mask, name_at, read_zones
 from mapdeal.pictures.canvas import Image
 from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.inputs import InShell, KeepoutMask, MapInput, refuse
