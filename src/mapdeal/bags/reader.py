@@ -246,9 +246,7 @@ def select_connections(
     return chosen
 
 
-def _error(
-    bag: bags.Bag, rule: str, connections: Sequence[bags.Connection], label: str
-) -> Exception:
-    topics = sorted({f"{connection.topic} ({connection.spelled})" for connection in connections})
+def _error(bag: bags.Bag, rule: str, choices: Sequence[bags.Connection], label: str) -> Exception:
+    topics = sorted({f"{connection.topic} ({connection.spelled})" for connection in choices})
     hint = f"{label} {few_text(topics, _MOST_NAMED)}" if topics else None
     return MalformedInputError(rule, source=bag.path, hint=hint)

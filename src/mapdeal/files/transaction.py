@@ -17,8 +17,7 @@ from contextlib import contextmanager
 from contextvars import copy_context
 from functools import partial
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 from mapdeal.compatibility import file_digest
 from mapdeal.errors import FileAccessError, ParameterError, refuse_warnings
@@ -26,9 +25,6 @@ from mapdeal.files.source import access_to, holds, is_same_file, real_path
 from mapdeal.kernels.blocks import Layer, activity, swept
 from mapdeal.kernels.threads import ThreadPool, thread_count
 from mapdeal.records import dataclass
-
-if TYPE_CHECKING:
-    from _typeshed import ReadableBuffer
 
 try:
     import fcntl
@@ -48,7 +44,7 @@ class _File(io.BufferedRandom):
 
     is_discarded = False
 
-    def write(self, data: ReadableBuffer) -> int:
+    def write(self, data: Any) -> int:
         if self.is_discarded:
             raise FileAccessError("was discarded")
         return super().write(data)
@@ -364,10 +360,7 @@ class Transaction:
         if not _is_input(path, self._inputs) and holds(path, sha256):
             self._removed.append(path)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:  # fmt: skip
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         try:
             if error is None:
                 self.wait()
@@ -428,9 +421,7 @@ class Transaction:
             atexit.unregister(self._discard)
 
 
-def _rename_all(
-    temporaries: Sequence[Temporary], removed: Sequence[Path], *, replaces: bool
-) -> None:
+def _rename_all(temporaries: list[Temporary], removed: list[Path], *, replaces: bool) -> None:
     # Backups of old files exist until the end, so that a failure can be undone.
     paths = [*(temporary.destination for temporary in temporaries), *removed]
     folders = dict.fromkeys(path.parent for path in paths)

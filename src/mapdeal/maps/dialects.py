@@ -368,12 +368,12 @@ def _as_ros1(picture: Picture, metadata: MapMetadata) -> Occupancy:
         # a single byte per pixel: the reader tests no last byte
         return by_sample(_by_sum(1, metadata), samples)
     if samples.ndim == 2 and alpha is not None:  # brightness, and opacity from a key
-        return _ros1_occupancy([samples, alpha], 2, alpha, metadata)
+        return _ros1_occupancy([samples, alpha], alpha, metadata)
     channels = [samples[..., c] for c in range(3)]
     last = samples[..., 0 if picture.file_format == "BMP" else 2] if alpha is None else alpha
     if alpha is not None and metadata.mode == "trinary":
-        return _ros1_occupancy([*channels, alpha], 4, last, metadata)
-    return _ros1_occupancy(channels, 3, last, metadata)
+        return _ros1_occupancy([*channels, alpha], last, metadata)
+    return _ros1_occupancy(channels, last, metadata)
 
 
 def _as_stored(picture: Picture) -> tuple[Bytes, Bytes | None]:
@@ -416,15 +416,13 @@ def _palette_as_stored(picture: Picture, palette: Bytes) -> tuple[Bytes, Bytes |
     return colours[..., :3], colours[..., 3]
 
 
-def _ros1_occupancy(
-    channels: list[Bytes], divisor: int, last: Bytes, metadata: MapMetadata
-) -> Occupancy:
+def _ros1_occupancy(channels: list[Bytes], last: Bytes, metadata: MapMetadata) -> Occupancy:
     total = np.zeros(channels[0].shape, dtype=np.int32)
     for channel in channels:
         total += channel
-    occupancy = _by_sum(divisor, metadata)[total]
+    occupancy = _by_sum(len(channels), metadata)[total]
     if metadata.mode == "scale":
-        decided = _by_sum(divisor, metadata, decided_only=True)[total] != UNKNOWN
+        decided = _by_sum(len(channels), metadata, decided_only=True)[total] != UNKNOWN
         occupancy[(last == 0) & ~decided] = UNKNOWN
     return occupancy
 

@@ -419,7 +419,7 @@ class PillowImage(OpenImage):
         def rows_at(first: int, end: int) -> Picture:  # copied out of Pillow's memory
             with damage_refused(path):  # Pillow 12 checks its limit here as well
                 rows = image.crop((0, first, width, end))
-            return _picture_of(rows, name=name, raw_mode=raw_mode, info=info, path=path)
+            return _picture_of(rows, name, raw_mode, info, path)
 
         return pictures.strips_at_places((self.height, width), 4 * width, rows_at)
 
@@ -496,9 +496,7 @@ def _opened(name: str, file: OpenFile, data: BinaryIO | None = None) -> Any:
     return image
 
 
-def _warn_of_loss(
-    name: str, image: Any, raw_mode: str, info: Mapping[str, Any], path: Path
-) -> None:
+def _warn_of_loss(name: str, image: Any, raw_mode: str, info: dict[str, Any], path: Path) -> None:
     if name == "JPEG":
         warn_of(path, "JPEG is lossy: greys may have moved across the thresholds", "image.lossy")
     if name == "PNG" and raw_mode.endswith(";16B") and not raw_mode.startswith("I"):
@@ -508,9 +506,7 @@ def _warn_of_loss(
         warn_of(path, text, "image.transparent-colour")
 
 
-def _picture_of(
-    image: Any, *, name: str, raw_mode: str, info: Mapping[str, Any], path: Path
-) -> Picture:
+def _picture_of(image: Any, name: str, raw_mode: str, info: dict[str, Any], path: Path) -> Picture:
     """Return the samples of a decoded image, and the facts of a PNG about them."""
     mode, pixels = image.mode, np.asarray(image)
     if mode == "1" and name == "BMP":  # Pillow's mode for a palette of black and white
@@ -661,9 +657,7 @@ def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]
 
 
 @contextmanager
-def open_for_one_pass(
-    path: Path, *, max_cells: int | None = None
-) -> Iterator[tuple[Strips, bytes]]:  # fmt: skip
+def open_for_one_pass(path: Path, *, max_cells: int | None) -> Iterator[tuple[Strips, bytes]]:
     """Open an image file; yield its strips, of which no cells stay in memory, and its head."""
     with open_image(path, max_cells=max_cells) as image:
         height, width = image.shape

@@ -299,16 +299,14 @@ class PairFile(MapFile):
         for remark in self._remarks:
             emit_warning(remark)
 
-        def occupancy(rows: slice) -> NDArray[np.int8]:
+        def decoded(rows: slice) -> NDArray[np.int8]:
             part = read(rows)
             cells = np.empty(part.shape, dtype=np.int8)
             for cell_rows, picture in part.placed():
                 cells_of(picture, metadata, dialect, out=cells[cell_rows])
             return cells
 
-        layer = blocks.lazy_layer(
-            shape, np.int8, occupancy, block_height=block_height, budget=budget
-        )
+        layer = blocks.lazy_layer(shape, np.int8, decoded, block_height=block_height, budget=budget)
         grid = _grid_of(layer, metadata)
         remarks = PixelRemarks(metadata, dialect)
         for _, picture in read(slice(0, shape[0])).placed():

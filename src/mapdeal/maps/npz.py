@@ -306,9 +306,7 @@ def _fill(array: Array, file: IO[bytes]) -> None:
 
 FORMAT = "mapdeal/1"
 _REACH_LAYER = "reachable"
-_EVIDENCE: dict[str, type[np.generic]] = {
-    "log_odds": np.float64, "hits": np.int32, "misses": np.int32
-}  # fmt: skip
+_EVIDENCE: dict[str, type[Any]] = {"log_odds": np.float64, "hits": np.int32, "misses": np.int32}
 
 
 def write_npz(file: BinaryIO, grid: Grid, *, more: Mapping[str, Array] | None = None) -> None:

@@ -69,9 +69,7 @@ class _Reader:
             return properties, []
         return properties, list(self._geometry(feature["geometry"], properties, place))
 
-    def _geometry(
-        self, geometry: Any, properties: Mapping[str, Any], place: str
-    ) -> Iterator[Shape]:
+    def _geometry(self, geometry: Any, properties: dict[str, Any], place: str) -> Iterator[Shape]:
         kind = geometry.get("type") if isinstance(geometry, dict) else None
         if kind == "GeometryCollection":
             for part in self._list(geometry.get("geometries"), f"{place}: geometries"):

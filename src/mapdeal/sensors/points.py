@@ -362,9 +362,7 @@ def _parse_lines(text: bytes, first: int, form: _LineFormat) -> NumberLines:
     return NumberLines(numbers, numbers_of_lines, errors)
 
 
-def _parse_at_once(
-    text: bytes, first: int, form: _LineFormat
-) -> tuple[Floats, Sequence[int]] | None:
+def _parse_at_once(text: bytes, first: int, form: _LineFormat) -> tuple[Floats, range] | None:
     """Return numbers and line numbers if all lines are plain numbers, else None."""
     # numpy accepts more kinds of blanks, and warns of a text without numbers
     if text.translate(None, b"0123456789+-.eE, \t\r\n") or not text.strip():
