@@ -8,8 +8,8 @@ import pytest
 import states
 from mapdeal import MalformedInputError, read_map, read_poses
 from mapdeal.maps.map_server import bare_images
+from mapdeal.maps.pbstream import Slice, canvas_of, paint
 from mapdeal.maps.reading import open_map
-from mapdeal.maps.submaps import Slice, canvas_of, paint
 
 OFFICE = "chifongip__cartographer_ros/maps/office/central/mymap"
 TURNED = {(0, 0): (2.0, -1.0, 0.7)}
