@@ -16,7 +16,7 @@ from mapdeal import OccupancyGrid, ParameterError, read_map, write_map
 from mapdeal.errors import one_line
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.outlines import surface
-from mapdeal.maps.world import mesh_of, stl_parts
+from mapdeal.maps.exports import mesh_of, stl_parts
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -21,13 +21,12 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_text
 from mapdeal.kernels import arrays
 from mapdeal.kernels.outlines import MOST_TOLERANCE, corner_count, rectangles, run_count, surface
-from mapdeal.maps import kinds, map_file, outlines
+from mapdeal.maps import exports, kinds, map_file
 from mapdeal.maps.dialects import Mode
 from mapdeal.maps.formats import or_other_formats, output_format
 from mapdeal.maps.map_server import Encoding, in_trinary
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, as_occupancy, output_paths, write_grid
-from mapdeal.maps.world import WORLD_ENDINGS, mesh_of, obj_parts, sdf_parts, stl_parts
 from mapdeal.pictures.overlay import TrajectoriesOverlay
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.recipe import planned_shape
@@ -40,7 +39,7 @@ ReadAs = Literal["map", "costs"]
 Scale = Literal["occupancy", "costmap2d", "amcl"]
 
 AREA_ENDINGS = (".geojson", ".svg")
-SHAPE_ENDINGS = (*AREA_ENDINGS, *WORLD_ENDINGS)
+SHAPE_ENDINGS = (*AREA_ENDINGS, *exports.WORLD_ENDINGS)
 
 _PER_CELL, _PER_CORNER, _PER_RUN = 16.0, 240, 1500
 """Bytes of labels and masks for each cell; of points and lists for each corner, or run of walls."""
@@ -66,7 +65,7 @@ class Written(Result):
 
 def convert_area(
     source: Path, read: Source, output: Path, transaction: Transaction, *,
-    of: outlines.Area | None = None, tolerance: Annotated[float, AT_LEAST_0, METRES] | None = None,
+    of: exports.Area | None = None, tolerance: Annotated[float, AT_LEAST_0, METRES] | None = None,
     start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
     footprint: Footprint | None = None,
 ) -> Written:  # fmt: skip
@@ -100,26 +99,26 @@ def convert_area(
     areas: list[tuple[str, arrays.Mask, str]] = []
     has_all = is_drawing and of is None
     if has_all:  # known cells in the colour of free ones; walls are drawn over them
-        areas.append(("known", values != UNKNOWN, outlines.FREE_FILL))
+        areas.append(("known", values != UNKNOWN, exports.FREE_FILL))
     if start is not None or footprint is not None:
         inputs.claim_work(source, grid, _REACH_PER_CELL)
         reached = reach(grid, start=start, footprint=footprint).reachable
-        areas.append(("reachable", reached.view(np.bool_), outlines.REACHABLE_FILL))
+        areas.append(("reachable", reached.view(np.bool_), exports.REACHABLE_FILL))
     elif of != "obstacles" and not has_all:
-        areas.append(("free", values == FREE, outlines.FREE_FILL))
+        areas.append(("free", values == FREE, exports.FREE_FILL))
     if has_all or of == "obstacles":
-        areas.append(("obstacles", values == OCCUPIED, outlines.WALL_FILL))
+        areas.append(("obstacles", values == OCCUPIED, exports.WALL_FILL))
     corners = sum(corner_count(cells) for _, cells, _ in areas)
     inputs.claim_work(source, grid, _PER_CELL, besides=_OUTLINE_LIBRARIES + _PER_CORNER * corners)
-    layers = [(outlines.outlines_of(cells, grid.frame, tolerance, name), fill)
+    layers = [(exports.outlines_of(cells, grid.frame, tolerance, name), fill)
               for name, cells, fill in areas]  # fmt: skip
     shown = layers[0][0]
     if not len(shown.polygons):
         raise MalformedInputError(f"has no {_CELLS[shown.name]} cell", source=source)
-    parts = outlines.geojson_parts(shown)
+    parts = exports.geojson_parts(shown)
     if is_drawing:
-        background = outlines.UNKNOWN_FILL if of is None else None
-        parts = outlines.svg_parts(layers, grid.frame, title=source.stem, background=background)
+        background = exports.UNKNOWN_FILL if of is None else None
+        parts = exports.svg_parts(layers, grid.frame, title=source.stem, background=background)
     transaction.write_parts(output, parts)
     texts, figures = [], {}
     for layer, _ in layers:
@@ -159,15 +158,17 @@ def convert_world(
     if output.suffix.lower() == ".sdf":
         boxes = rectangles(walls)
         figures["boxes"] = len(boxes.first_row)
-        parts = sdf_parts(boxes, grid.frame, wall_height, source.stem)
+        parts = exports.sdf_parts(boxes, grid.frame, wall_height, source.stem)
         text = "1 box" if figures["boxes"] == 1 else f"{figures['boxes']} boxes"
         if figures["boxes"] > _MANY_BOXES:
             text += ", which simulators load slowly; as .stl or .obj it is one mesh"
     else:
-        mesh = mesh_of(surface(walls), grid.frame, wall_height)
+        mesh = exports.mesh_of(surface(walls), grid.frame, wall_height)
         figures["triangles"] = len(mesh.triangles)
-        is_stl = output.suffix.lower() == ".stl"
-        parts = stl_parts(mesh, source, grid.resolution) if is_stl else obj_parts(mesh, source.stem)
+        if output.suffix.lower() == ".stl":
+            parts = exports.stl_parts(mesh, source, grid.resolution)
+        else:
+            parts = exports.obj_parts(mesh, source.stem)
         text = count_text(figures["triangles"], "triangle")
     transaction.write_parts(output, parts)
     return Written(output, figures, f"walls of {volume:.6g} m3, {wall_height:g} m high, {text}")
@@ -245,7 +246,7 @@ def convert(
     layer, ending = more, "" if takes_all else output.suffix.lower()
     if ending not in AREA_ENDINGS:
         inputs.refuse("applies to .geojson and .svg", footprint=footprint, robot=robot, **areas)
-    if ending not in WORLD_ENDINGS:
+    if ending not in exports.WORLD_ENDINGS:
         inputs.refuse("applies to .sdf, .stl and .obj", **worlds)
     if ending in SHAPE_ENDINGS:
         inputs.refuse("applies to maps", mode=mode, encoding=encoding, static_layer=static_layer)
@@ -290,7 +291,7 @@ def convert(
                 overlay = TrajectoriesOverlay(lines)
     if ending in SHAPE_ENDINGS:
         transaction = work.begin([*read.files, *(robot.paths if robot else ())])
-        if ending in WORLD_ENDINGS:
+        if ending in exports.WORLD_ENDINGS:
             return convert_world(source, read, output, transaction, **worlds)
         return convert_area(
             source, read, output, transaction, footprint=planned_shape(robot, footprint), **areas
