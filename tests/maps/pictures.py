@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mapdeal.maps.images import open_strips
+from mapdeal.maps.images import open_image
 from mapdeal.maps.picture import Picture
 
 SHAPE = (11, 13)
@@ -63,7 +63,7 @@ def joined(strips):
 
 
 def read_image(path, **options):
-    with open_strips(path, **options) as strips:
+    with open_image(path, **options) as image, image.strips() as strips:
         return joined(strips)
 
 

@@ -16,7 +16,7 @@ from mapdeal.files.source import use_memory
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps import picture as strips, png as png_module
 from mapdeal.maps.dialects import DIALECTS, MapMetadata, cells_of
-from mapdeal.maps.images import open_strips, read_image_size
+from mapdeal.maps.images import open_image, read_image_size
 from mapdeal.maps.png import PART, deflated, pieces
 from maps.pictures import adam7, chunk, file_of, pixels_in, read_image
 from strategies import examples
@@ -108,7 +108,7 @@ def test_pixels_are_those_that_were_written(tmp_path_factory, kind, data, strip,
     assert palette is None or np.array_equal(picture.palette, palette)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(strips, "STRIP", strip)
-        with open_strips(path) as opened:
+        with open_image(path) as image, image.strips() as opened:
             assert opened.shape == expected.shape[:2]
             parts = list(opened.pictures())
             assert np.array_equal(np.concatenate([channels_of(p) for p in parts]), expected)

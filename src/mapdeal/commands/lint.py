@@ -510,7 +510,8 @@ def _map_of_pair(pair: PairFacts, max_cells: int | None, changes: list[str]) -> 
         free_thresh = min(map_server.USUAL_FREE_THRESH, metadata.free_thresh)
         repaired_metadata = replace(metadata, free_thresh=free_thresh)
     changed = 0
-    with images.open_strips(pair.image_path, max_cells=max_cells) as strips:
+    image = images.open_image(pair.image_path, max_cells=max_cells)
+    with image as opened, opened.strips() as strips:
         occupancy = np.empty(strips.shape, dtype=np.int8)
         for rows, picture in strips.placed():
             dialects.cells_of(picture, repaired_metadata, "nav2", out=occupancy[rows])

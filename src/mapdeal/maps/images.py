@@ -14,10 +14,8 @@ from __future__ import annotations
 import io
 import os
 import re
-import struct
 import threading
 import warnings
-import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
@@ -27,7 +25,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
 from mapdeal.files import source as sources
 from mapdeal.kernels.blocks import Layer
 from mapdeal.maps import picture as pictures
@@ -359,12 +357,6 @@ _STRIPS, _TILES, _TILE = (273, 279), (324, 325), (322, 323)
 # process: two threads that replace and restore them at once would leave them replaced.
 PROCESS_WIDE_LOCK = threading.RLock()
 
-_DAMAGE = (
-    OSError, SyntaxError, EOFError, LookupError, TypeError, AttributeError, ValueError,
-    ArithmeticError, AssertionError, RuntimeError, MemoryError, struct.error, zlib.error,
-)  # fmt: skip
-"""All exceptions that Pillow's readers raise on damaged images, such as SyntaxError for headers."""
-
 
 class PillowImage(OpenImage):
     def __init__(self, name: str, file: OpenFile, limit: int) -> None:
@@ -507,7 +499,6 @@ def _warn_of_loss(name: str, image: Any, raw_mode: str, info: dict[str, Any], pa
 
 
 def _picture_of(image: Any, name: str, raw_mode: str, info: dict[str, Any], path: Path) -> Picture:
-    """Return the samples of a decoded image, and the facts of a PNG about them."""
     mode, pixels = image.mode, np.asarray(image)
     if mode == "1" and name == "BMP":  # Pillow's mode for a palette of black and white
         palette = np.array([[0, 0, 0, 255], [255, 255, 255, 255]], dtype=np.uint8)
@@ -588,7 +579,9 @@ def damage_refused(path: Path) -> Iterator[None]:
                 yield
             finally:
                 Image.MAX_IMAGE_PIXELS = limit
-    except (*_DAMAGE, Image.DecompressionBombError) as error:  # others may reset the limit
+    except MapdealError:
+        raise
+    except Exception as error:  # noqa: BLE001 - Pillow's readers fail in many ways
         if isinstance(error, OSError) and error.errno is not None:
             raise FileAccessError(f"cannot be read: {error.strerror}", source=path) from None
         reason = str(error) or type(error).__name__
@@ -648,12 +641,6 @@ def open_image(path: Path, *, max_cells: int | None = None) -> Iterator[OpenImag
         hint = "fetch it with: git lfs pull"
         raise file.error("is a Git LFS pointer, not the image", hint=hint)
     raise file.error(_NOT_AN_IMAGE)
-
-
-@contextmanager
-def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]:
-    with open_image(path, max_cells=max_cells) as image, image.strips() as strips:
-        yield strips
 
 
 @contextmanager
