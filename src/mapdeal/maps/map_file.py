@@ -120,7 +120,6 @@ class MapFile(ABC):
         return sha256_of(path)
 
     def check_unchanged(self) -> None:
-        """Refuse files that were replaced or changed since their headers were read."""
         # Another process may have replaced the image and the YAML file between our two reads.
         with locked({path.parent for path in self.files}):
             pass  # wait until a concurrent writer has renamed both files
@@ -176,19 +175,15 @@ def warn_of_nothing_known(path: Path, occupancy: blocks.Layer, *, has_pixels: bo
 
 
 def warn_of_cost_figures(path: Path, figures: Figures) -> None:
-    """Warn if nearly all open cells cost the same, or no cell is open."""
     if (common := figures["most_common"]) is None:
         is_blocked = figures["lethal"] + figures.get("inscribed", 0) > 0
         finding = "known cell is lethal or inscribed" if is_blocked else "cell is unknown"
         warn_of(path, f"every {finding}", "run.uniform-cost")
     elif common["share"] > UNIFORM_SHARE:
+        advice = "a higher cost_scaling_factor, or the metric view, grades more of them"
+        if not figures["lethal"]:
+            advice = "there is no obstacle"
+        elif common["cost"] < _HALF_WAY:
+            advice = "a larger inflation_radius, or lower up and down, grade more of them"
         finding = f"{100 * common['share']:.4g} % of the open cells cost {common['cost']}"
-        warn_of(path, f"{finding}: {_advice_on_costs(figures)}", "run.uniform-cost")
-
-
-def _advice_on_costs(figures: Figures) -> str:
-    if not figures["lethal"]:
-        return "there is no obstacle"
-    if figures["most_common"]["cost"] < _HALF_WAY:
-        return "a larger inflation_radius, or lower up and down, grade more of them"
-    return "a higher cost_scaling_factor, or the metric view, grades more of them"
+        warn_of(path, f"{finding}: {advice}", "run.uniform-cost")

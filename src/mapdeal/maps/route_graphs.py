@@ -25,14 +25,11 @@ FRAME = "map"  # the server's route_frame, and the default frame of nodes
 
 @dataclass(frozen=True, eq=False)
 class GraphProblem:
-    """A reason why the server refuses a file, or a value that it reads in an unexpected way.
+    """A reason why the server refuses a file, or a value that it reads in an unexpected way."""
 
-    `check` is the name of lint's check without ``graph.``, `point` the place on the map.
-    """
-
-    check: str
+    check: str  # name of lint's check without ``graph.``
     text: str
-    point: tuple[float, float] | None = None
+    point: tuple[float, float] | None = None  # place on the map
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,10 +195,8 @@ FLOATS = ("speed_limit", "abs_speed_limit", "penalty")  # in metadata of edges, 
 
 
 def _metadata(properties: JsonValue) -> Mapping[str, Any]:
-    found = properties.get("metadata")
-    if found is None or found.is_null:
-        return {}
-    return {key: value.value for key, value in found.fields().items()}
+    fields = properties.optional("metadata", JsonValue.fields) or {}
+    return {key: field.value for key, field in fields.items()}
 
 
 def write_route_graph(path: Path | str, graph: RouteGraph, *, force: bool = False) -> None:
