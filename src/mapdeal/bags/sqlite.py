@@ -191,7 +191,6 @@ class SqliteBag(Bag):
         return columns
 
     def _rows(self, query: str) -> Iterator[tuple[Any, ...]]:
-        """Yield rows, and claim memory for all of them."""
         total = 0
         for row in self._select(query):
             texts = [value for value in row if isinstance(value, str | bytes)]

@@ -374,9 +374,8 @@ def memory_limit() -> tuple[int | None, str]:
 def room() -> int | None:
     """Return the most bytes that `claim` grants now; None for unlimited."""
     budget = _budget()
-    limit = budget.limit
     used = INTERPRETER + budget.used
-    return None if limit is None else max(limit - used, _LITTLE)
+    return None if budget.limit is None else max(budget.limit - used, _LITTLE)
 
 
 def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> None:

@@ -89,7 +89,6 @@ def metadata_of(
 def _crossed_thresholds(
     path: Path, entries: dict[str, Entry], occupied: float, free: float
 ) -> MalformedInputError:
-    """Return the error for free_thresh above occupied_thresh; one of them may be a default."""
     if "free_thresh" not in entries:
         missing, relation = "free_thresh", f"{free:g} exceeds occupied_thresh {occupied:g}"
     elif "occupied_thresh" not in entries:

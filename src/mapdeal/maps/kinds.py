@@ -100,7 +100,6 @@ def kind_of(path: Path) -> FileKind | None:
 
 
 def readable_kind(path: Path) -> FileKind | None:
-    """Return the kind of a file, None also if it cannot be read."""
     with suppress(MapdealError):
         return kind_of(path)
     return None

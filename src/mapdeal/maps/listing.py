@@ -121,7 +121,6 @@ def folders_below(
 
 
 def numbered_folders(folder: Path) -> list[Path]:
-    """Return the subfolders whose names are numbers, in order; none if the folder is missing."""
     if not sources.is_folder(folder):
         return []
     numbered = [name for name in sources.contents_of(folder)[0] if name.isdecimal()]

@@ -364,7 +364,6 @@ def yaml_beside(path: Path) -> Path:
 
 
 def find_bits(path: Path, yaml_path: Path, metadata: MapMetadata) -> Path:
-    """Return the image that the YAML file beside a ``.pbm`` names; refuse any other image."""
     sources.status_of(path)
     image = find_image(yaml_path, metadata.image)
     if not sources.is_same_file(image, path):
@@ -387,7 +386,6 @@ def image_places(folder: Path, image: str) -> list[Path]:
 
 
 def _expanded(image: str) -> str:
-    """Return the name with a leading ``~`` replaced by the home folder, if there is one."""
     try:
         return os.path.expanduser(image) if image.startswith("~") else image  # noqa: PTH111
     except ValueError:
@@ -432,7 +430,6 @@ def pair_paths(output: Path) -> tuple[Path, Path]:
 
 
 def _checked_image_name(image: Path) -> Path:
-    """Return the path of an image; refuse a name that its YAML file cannot contain."""
     try:
         image.name.encode()
     except UnicodeEncodeError:
@@ -502,7 +499,6 @@ def write_map_image(transaction: Transaction, image: Path, grid: OccupancyGrid) 
 
 
 def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
-    """Return `grid` reduced to free, occupied and unknown; warn if values are lost."""
     # As map_saver does by default: 0..25 free, 65..100 occupied, all else unknown.
     lost = int(blocks.counts_of(grid.occupancy)[FREE + 1 : OCCUPIED].sum())
     if not lost:

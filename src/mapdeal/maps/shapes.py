@@ -32,7 +32,6 @@ def geojson_shapes(document: JsonValue) -> list[Shape]:
 
 
 def geojson_features(document: JsonValue) -> list[tuple[Mapping[str, Any], list[Shape]]]:
-    """Return the properties and the shapes of each feature, in order."""
     try:
         return _Reader(document.source).features(document.value)
     except RecursionError:

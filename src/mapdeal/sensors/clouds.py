@@ -444,10 +444,8 @@ def _octree_points(file: BinaryIO, path: Path) -> Iterator[Floats]:
 
 
 def _leaves_of_binary(nodes: Array) -> Iterator[tuple[int, Integers]]:
-    """Yield the height and the corners, in voxels, of the occupied leaves of each level.
-
-    A ``.bt`` file has no nodes for leaves: two bits of the parent describe each child.
-    """
+    """Yield the height and the corners, in voxels, of the occupied leaves of each level."""
+    # A ``.bt`` file has no nodes for leaves: two bits of the parent describe each child.
     free, occupied = ((nodes[:, np.newaxis] >> 2 * _SLOTS + bit) & 1 == 1 for bit in (0, 1))
     for height, indices, keys in _levels(has_child=free & occupied):
         if height:
@@ -464,11 +462,9 @@ def _leaves_of_full(nodes: Array) -> Iterator[tuple[int, Integers]]:
 
 
 def _levels(has_child: Mask) -> Iterator[tuple[int, Integers, Integers]]:
-    """Yield the height of each level, and the indices and the corners, in voxels, of its nodes.
-
-    `has_child` marks the children of each node that have nodes of their own. Nodes are stored depth
-    first: the subtree of a node ends where fewer nodes are pending than before it.
-    """
+    """Yield the height of each level, and the indices and the corners, in voxels, of its nodes."""
+    # `has_child` marks the children of each node that have nodes of their own. Nodes are stored
+    # depth first: the subtree of a node ends where fewer nodes are pending than before it.
     pending = np.cumsum(has_child.sum(axis=1, dtype=np.int64) - 1)
     if pending[-1] > -1:
         raise MalformedInputError("ends within its tree")

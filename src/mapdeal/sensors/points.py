@@ -97,7 +97,6 @@ def read_poses(path: Path | str) -> Floats:
 
 
 def has_times(path: Path) -> bool:
-    """Return whether a file has poses with times; False if it cannot be read."""
     with suppress(MapdealError, OSError), path.open("rb") as file:
         _, _, line = first_line(file)
         return len(line.split(delimiter_of(line))) == _TUM
