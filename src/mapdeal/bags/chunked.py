@@ -27,7 +27,6 @@ import numpy as np
 
 from mapdeal.bags.bag import Bag, Connection, Encoding, MessageIndex, Place, decompress
 from mapdeal.files.source import access_to, claim, status_of
-from mapdeal.kernels.arrays import Integers
 from mapdeal.records import dataclass, field
 
 _MOST_CACHED_BYTES = 1 << 25
@@ -92,7 +91,7 @@ class ChunkedBag(Bag):
 
     # Upper bounds of memory for an index record, a message outside of chunks, a chunk, etc.
     _ENTRY_BYTES, _LOOSE_BYTES, _CHUNK_BYTES, _CONNECTION_BYTES = 160, 40, 600, 1500
-    _ENTRY: int  # bytes of an entry of an index record
+    _ENTRY: np.dtype[Any]  # of an index record
 
     def __init__(self, path: Path, form: str) -> None:
         super().__init__(path, form)
@@ -156,10 +155,6 @@ class ChunkedBag(Bag):
     def _place_of(self, record: _Record, number: int) -> Place | None:
         """Return the place of a record in a chunk; None unless it is a message."""
 
-    @abstractmethod
-    def _entries(self, data: bytes) -> tuple[Integers, Integers]:
-        """Return the times and offsets in the entries of an index record."""
-
     def _records_of(self, number: int) -> Iterator[_Record]:
         data, position = self._chunk_data(number), 0
         while position < len(data):
@@ -176,11 +171,15 @@ class ChunkedBag(Bag):
         for connection, start, count in self._chunks[number].entries:
             for first in range(0, count if connection in selected else 0, _TOGETHER):
                 with access_to(self.path):
-                    self._file.seek(start + self._ENTRY * first)
-                    data = self._read(self._ENTRY * min(count - first, _TOGETHER))
-                times, offsets = self._entries(data)
-                connections = np.full(len(times), connection)
-                yield MessageIndex(connections, times, np.full(len(times), number), offsets)
+                    size = self._ENTRY.itemsize
+                    self._file.seek(start + size * first)
+                    data = self._read(size * min(count - first, _TOGETHER))
+                entries = np.frombuffer(data, self._ENTRY)
+                times, offsets = entries["time"].astype(np.int64), entries["offset"]
+                if times.ndim == 2:  # seconds and nanoseconds
+                    times = times[:, 0] * 10**9 + times[:, 1]
+                connections, blocks = (np.full(len(times), k) for k in (connection, number))
+                yield MessageIndex(connections, times, blocks, offsets.astype(np.int64))
 
     def _chunk_data(self, number: int) -> bytes:
         chunk = self._chunks[number]
@@ -234,7 +233,7 @@ _Fields = Mapping[bytes, bytes]
 
 
 class Ros1Bag(ChunkedBag):
-    _ENTRY = 12
+    _ENTRY = np.dtype([("time", "<u4", 2), ("offset", "<u4")])
 
     def __init__(self, path: Path) -> None:
         self._has_summary = False
@@ -284,7 +283,7 @@ class Ros1Bag(ChunkedBag):
         op, end = fields.get(b"op", b"")[:1], start + length
         if op == _ROS1_INDEX:  # some writers declare a wrong length
             count = _number(fields, b"count")
-            end = start + self._ENTRY * count
+            end = start + self._ENTRY.itemsize * count
             if end > self._size or not self._chunks:
                 raise _CutError(f"an index record at byte {start}")
             if _number(fields, b"ver") == 1:
@@ -325,10 +324,6 @@ class Ros1Bag(ChunkedBag):
                 self._note_connection(record.head, record.data)
             except _CutError:
                 self.warn_once("the description of a connection is damaged")
-
-    def _entries(self, data: bytes) -> tuple[Integers, Integers]:
-        rows = np.frombuffer(data, "<u4").reshape(-1, 3).astype(np.int64)
-        return rows[:, 0] * 10**9 + rows[:, 1], rows[:, 2]
 
     def _place_of(self, record: _Record, number: int) -> Place | None:
         fields = record.head
@@ -400,7 +395,7 @@ _ENCODINGS: dict[str, Encoding] = {"cdr": "cdr", "ros1": "ros1"}
 class McapBag(ChunkedBag):
     # The summary at the end is ignored. Chunks without index records are decompressed to find their
     # messages.
-    _ENTRY = 16
+    _ENTRY = np.dtype([("time", "<i8"), ("offset", "<i8")])
 
     def __init__(self, path: Path) -> None:
         self._schemas: dict[int, tuple[str, ...]] = {}  # names, encodings and texts
@@ -454,9 +449,9 @@ class McapBag(ChunkedBag):
         elif opcode == _INDEX and self._chunks:
             head = self._read(min(length, 6))
             channel, size = struct.unpack("<HI", head) if len(head) == 6 else (0, 1)
-            if size % self._ENTRY or size > length - 6:
+            if size % self._ENTRY.itemsize or size > length - 6:
                 raise self.malformed(f"an index record at byte {position} is damaged")
-            self._note_index(channel, start + 6, size // self._ENTRY)
+            self._note_index(channel, start + 6, size // self._ENTRY.itemsize)
         elif opcode == _MESSAGE and length >= _BEFORE_DATA:
             channel, _, time = struct.unpack("<HIQ", self._read(14))
             self._note_loose(channel, min(time, _LATEST), position)
@@ -508,10 +503,6 @@ class McapBag(ChunkedBag):
             return None
         channel, _, time = struct.unpack_from("<HIQ", record.chunk, record.start)
         return Place(channel, min(time, _LATEST), number, record.position)
-
-    def _entries(self, data: bytes) -> tuple[Integers, Integers]:
-        times, offsets = np.frombuffer(data, "<i8").reshape(-1, 2).T
-        return times, offsets
 
     def _record(self, data: bytes, position: int) -> _Record:
         if position < 0 or position + 9 > len(data):
