@@ -110,7 +110,7 @@ def test_painting_has_the_bytes_of_cairo(resolution):
         placed.append(Slice(int(width), int(height), turn, rng.uniform(-90, 90, 2)))
     canvas = canvas_of([(None, part) for part in placed])
     pixels = np.full((canvas.height, canvas.width), 128, dtype=np.uint8)
-    places = [part.moved_by(canvas.origin) for part in placed]
+    places = [part._replace(shift=part.shift + canvas.origin) for part in placed]
     expected = painted_by_cairo(pixels.shape, textures, places)
     for texture, place in zip(textures, places, strict=True):
         paint(pixels, texture, place)

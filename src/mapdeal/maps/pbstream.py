@@ -282,7 +282,6 @@ class StateFile(MapFile):
             self._canvas = canvas_of(self._slices)
 
     def _add(self, message: Message, block: Block) -> None:
-        """Read the header, the pose graph or a submap without its cells."""
         self._largest = max(self._largest, message.size)
         self._nodes += 4 in message
         if not self._version:
@@ -305,7 +304,6 @@ class StateFile(MapFile):
             self._submaps[key] = Submap.of(submap, block, str(key))
 
     def _placed(self) -> list[tuple[Submap, Slice]]:
-        """Return the submaps in the order of painting, with the places of their textures."""
         if not self._submaps:
             raise MalformedInputError("has no submaps")
         for key in self._submaps.keys() ^ self._poses.keys():
@@ -344,7 +342,8 @@ class StateFile(MapFile):
         pixels = np.full((height, width), UNKNOWN_GREY, dtype=np.uint8)
         with sources.binary_file(self.path) as file:
             for submap, place in self._slices:
-                paint(pixels, submap.texture(file), place.moved_by(self._canvas.origin))
+                shift = place.shift + self._canvas.origin
+                paint(pixels, submap.texture(file), place._replace(shift=shift))
         sources.note_sum(self.path, lambda: sources.sha256_of(self.path))
         return pixels[::-1]
 
@@ -398,9 +397,6 @@ class Slice(NamedTuple):
     height: int
     scale: Floats
     shift: Floats
-
-    def moved_by(self, pixels: tuple[float, float]) -> Slice:
-        return self._replace(shift=self.shift + pixels)
 
 
 class Canvas(NamedTuple):

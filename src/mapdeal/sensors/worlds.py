@@ -112,8 +112,6 @@ class _Reader:
                 raise malformed(path, "is xacro that is not expanded", element.tag, hint=hint)
         return root
 
-    # SDF
-
     def read_sdf(self, path: Path, root: Element) -> None:
         world = root.find("world")
         if len(root.findall("world")) > 1:
@@ -263,8 +261,6 @@ class _Reader:
             numbers[3:] = np.radians(numbers[3:])
         return relative_to, _placed(numbers[:3], numbers[3:])
 
-    # URDF
-
     def read_urdf(self, path: Path, root: Element) -> None:
         joints = {}
         links = {link.get("name", "") for link in root.iterfind("link")}
@@ -308,8 +304,6 @@ class _Reader:
             for key in ("xyz", "rpy")
         )
         return _placed(move, angles)
-
-    # shapes
 
     def _add_geometry(self, shape: Element, matrix: Floats, path: Path, place: str) -> None:
         geometry = shape.find("geometry")
