@@ -203,8 +203,7 @@ def read_file(
             data = file.read()
             after = os.fstat(file.fileno())
     except MemoryError:
-        rule = "does not fit into memory"
-        raise FileAccessError(rule, source=path, got=before.st_size) from None
+        raise FileAccessError("does not fit into memory", source=path, got=before.st_size) from None
     if FileState.of_status(after) != FileState.of_status(before):
         raise FileAccessError(CHANGED, source=path)
     note_sum(path, lambda: hashlib.sha256(data).hexdigest())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import hashlib
 import io
 import os
 import shutil
@@ -21,6 +20,7 @@ from typing import Any, BinaryIO
 
 from mapdeal.compatibility import file_digest
 from mapdeal.errors import FileAccessError, ParameterError, refuse_warnings
+from mapdeal.files.json_values import encode_json
 from mapdeal.files.source import access_to, holds, is_same_file, real_path
 from mapdeal.kernels.blocks import Layer, activity, swept
 from mapdeal.kernels.threads import ThreadPool, thread_count
@@ -33,7 +33,6 @@ except ImportError:  # not POSIX: temporary files of killed runs are then not cl
 
 PREFIX = ".mapdeal-"  # of the names of all temporary files
 _NEW_SUFFIX, _OLD_SUFFIX = ".tmp", ".old"
-_AT_ONCE = 1 << 18
 # SIGINT comes first: once it is deferred, no exception interrupts deferring the others.
 _ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 Writer = Callable[[BinaryIO], object]
@@ -90,8 +89,6 @@ class Temporary:
         if not with_checksum:
             return ""
         file.seek(0)
-        if os.fstat(file.fileno()).st_size <= _AT_ONCE:  # without the slow buffer of file_digest
-            return hashlib.sha256(file.read()).hexdigest()
         return file_digest(file, "sha256").hexdigest()
 
     def sync(self) -> None:
@@ -343,8 +340,6 @@ class Transaction:
         self.write(path, lambda file: file.write(data))
 
     def write_json(self, path: Path, document: Any) -> None:
-        from mapdeal.files.json_values import encode_json  # few outputs are JSON
-
         self.write_bytes(path, encode_json(document))
 
     def wait(self) -> dict[Path, str]:
@@ -491,8 +486,7 @@ def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> Non
     except ValueError:
         raise FileAccessError("no file can have such a name", source=output) from None
     except OSError as error:
-        rule = f"cannot be written: {error.strerror}"
-        raise FileAccessError(rule, source=output) from None
+        raise FileAccessError(f"cannot be written: {error.strerror}", source=output) from None
     if _is_input(output, inputs):
         raise FileAccessError("the output is the input", source=output)
     with contextlib.suppress(OSError):  # a broken link exists, too

@@ -446,8 +446,7 @@ class PillowImage(OpenImage):
         if sum(sizes) < least:
             raise file.error(f"the pixels end early: expected {least} bytes", got=sum(sizes))
         if end > file.size:
-            rule = f"the pixels end early: expected a file of {end} bytes"
-            raise file.error(rule, got=file.size)
+            raise file.error(f"the pixels end early: expected a file of {end} bytes", got=file.size)
 
     def _part(self) -> tuple[int, int]:
         tags = self._image.tag_v2
