@@ -20,8 +20,8 @@ def rows_of(read):
 
 
 def named(chunks):
-    for parsed in points.read_named_points(chunks, "p.csv"):
-        yield parsed.line, parsed.point and [parsed.name, *parsed.point], parsed.error
+    for line, point, name, error in points.read_named_points(chunks, "p.csv"):
+        yield line, point and [name, *point], error
 
 
 POINTS, PAIRS, POSES = map(rows_of, (read_points, read_pairs, read_pose_lines))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import NamedTuple
 
 import numpy as np
 
@@ -34,13 +33,8 @@ _MOST_NAMED = 12
 _TOPICS = "topics_with_message_count"
 
 
-class _Metadata(NamedTuple):
-    """Contents of ``metadata.yaml``; serializations are by topic."""
-
-    storage: str
-    files: tuple[str, ...]
-    compression: str
-    serializations: Mapping[str, str]
+_Metadata = tuple[str, tuple[str, ...], str, Mapping[str, str]]
+"""Storage, files, compression, and serializations by topic, of ``metadata.yaml``."""
 
 
 class FolderBag(bags.Bag):
@@ -51,11 +45,11 @@ class FolderBag(bags.Bag):
         self._stack = ExitStack()
         self._parts: list[bags.Bag] = []
         try:
-            metadata = self._metadata()
-            self._compresses_messages = metadata.compression == "message"
-            for name in metadata.files:
+            storage, names, compression, serializations = self._metadata()
+            self._compresses_messages = compression == "message"
+            for name in names:
                 file = self._stack.enter_context(_plain_file(path / name))
-                part = self._stack.enter_context(closing(_STORAGES[metadata.storage](file)))
+                part = self._stack.enter_context(closing(_STORAGES[storage](file)))
                 part.path = path / name  # errors name this file, not the temporary one
                 self._parts.append(part)
         except BaseException:
@@ -66,7 +60,7 @@ class FolderBag(bags.Bag):
         for part in self._parts:
             for c in part.connections:
                 self._origins.append((part, c.id))
-                declared = metadata.serializations.get(c.topic, c.serialization)
+                declared = serializations.get(c.topic, c.serialization)
                 encoding = c.encoding if declared == c.serialization else ""
                 number = len(self._connections)
                 copy = replace(c, id=number, encoding=encoding, serialization=declared)
@@ -126,7 +120,7 @@ class FolderBag(bags.Bag):
         if mode in ("file", "message") and compression != "zstd":
             raise fields["compression_mode"].error("requires compression_format zstd")
         names = self._present_files(fields["relative_file_paths"])
-        return _Metadata(storage, names, mode, _serializations(fields))
+        return storage, names, mode, _serializations(fields)
 
     def _present_files(self, entry: Entry) -> tuple[str, ...]:
         paths = [PurePosixPath(PureWindowsPath(item.text()).as_posix()) for item in entry.items()]
@@ -145,7 +139,7 @@ class FolderBag(bags.Bag):
         for suffix, storage in {".db3": "sqlite3", ".mcap": "mcap"}.items():
             if files := [name for name in names if _plain(name).endswith(suffix)]:
                 self.warn_once(reason)
-                return _Metadata(storage, tuple(files), "none", {})
+                return storage, tuple(files), "none", {}
         raise self.malformed("is a folder without .db3 and .mcap files")
 
 

@@ -166,11 +166,10 @@ def goals_in(path: Path) -> list[Goal]:
 
     found = list(_named_points(path)) if path.suffix == ".geojson" else []
     chunks, name = ([], path) if path.suffix == ".geojson" else inputs.text_in(path)
-    for point in read_named_points(chunks, name):
-        if point.point is None:
-            rule, place = point.error or "", f"line {point.line}"
-            raise errors.MalformedInputError(rule, source=name, place=place)
-        found.append(Goal(*point.point, point.name))
+    for line, point, goal_name, error in read_named_points(chunks, name):
+        if point is None:
+            raise errors.MalformedInputError(error or "", source=name, place=f"line {line}")
+        found.append(Goal(*point, goal_name))
     if not found:
         raise errors.MalformedInputError("holds no points", source=name)
     return found

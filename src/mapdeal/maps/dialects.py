@@ -27,7 +27,7 @@ from mapdeal.grid.frame import Origin, check_origin, check_resolution
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
 from mapdeal.kernels.arrays import Bytes, Floats
 from mapdeal.maps.picture import Picture, Samples, by_sample, opaque_greys, to_16_bit
-from mapdeal.records import dataclass, field, replace
+from mapdeal.records import dataclass, field
 
 Mode = Literal["trinary", "scale", "raw"]
 Dialect = Literal["nav2", "humble", "ros1"]
@@ -446,8 +446,7 @@ def cells_of(
     picture: Picture, metadata: MapMetadata, dialect: Dialect, *, out: Occupancy | None = None
 ) -> Occupancy:
     """Return the occupancy that a reader gives each cell, shape (H, W), row 0 in the south."""
-    alpha = None if picture.alpha is None else picture.alpha[::-1]
-    picture = replace(picture, samples=picture.samples[::-1], alpha=alpha)
+    picture = picture[::-1]
     is_byte = picture.samples.dtype == np.uint8 and picture.samples.ndim == 2
     if is_byte and picture.file_format == "PNM":  # all readers look the pixels up in a table
         values = DIALECTS[dialect](picture, metadata)

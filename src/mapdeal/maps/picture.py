@@ -40,14 +40,16 @@ class Picture:
     palette: NDArray[np.uint8] | None = None  # red, green, blue, opacity of each index, (N, 4)
     display: tuple[str, ...] = ()  # gamma or colour profile, which no reader applies
 
+    def __getitem__(self, index: Any) -> Picture:
+        alpha = None if self.alpha is None else self.alpha[index]
+        return replace(self, samples=self.samples[index], alpha=alpha)
+
     def bands(self, most_pixels: int) -> Iterator[Picture]:
         """Yield views of bands of rows, each of at most so many pixels, or of one row."""
         height, width = self.shape
         step = max(1, most_pixels // width)
         for first in range(0, height, step):
-            rows = slice(first, first + step)
-            alpha = None if self.alpha is None else self.alpha[rows]
-            yield replace(self, samples=self.samples[rows], alpha=alpha)
+            yield self[first : first + step]
 
     def greys_and_exceptions(self) -> tuple[Samples, NDArray[np.bool_]]:
         """Return the grey or palette index of each pixel, and which are coloured or not opaque."""
@@ -62,8 +64,7 @@ class Picture:
         return grey, exceptions
 
     def only(self, mask: NDArray[np.bool_]) -> Picture:
-        alpha = None if self.alpha is None else self.alpha[mask][np.newaxis]
-        return replace(self, samples=self.samples[mask][np.newaxis], alpha=alpha)
+        return self[mask][np.newaxis]
 
     @property
     def opaque(self) -> int:

@@ -230,14 +230,6 @@ class NumberLines:
             yield self.lines[index], row, self.errors.get(index)
 
 
-@dataclass(frozen=True)
-class NamedPointLine:
-    line: int
-    point: Point | None = None
-    name: str | None = None
-    error: str | None = None
-
-
 class _LineFormat(NamedTuple):
     """Format of a line: its columns, and descriptions of its plain and its JSON form."""
 
@@ -293,12 +285,15 @@ read_pairs = partial(_read_numbers, _PAIR)
 read_pose_pairs = partial(_read_numbers, _POSE_PAIR)
 
 
-def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:
+def read_named_points(
+    chunks: Iterable[bytes], source: Path | str
+) -> Iterator[tuple[int, Point | None, str | None, str | None]]:
+    """Yield the number of each line, its point, the name of that if it has one, and its error."""
     for block, first in _complete_lines(chunks, source):
         for number, text in _numbered(block, first, _NAMED_POINT):
             parsed, error = _parse_line(text, _named_point_of, _NAMED_POINT)
             point, name = parsed if error is None else (None, None)
-            yield NamedPointLine(number, point, name, error)
+            yield number, point, name, error
 
 
 def _numbered(text: bytes, first: int, form: _LineFormat) -> Iterator[tuple[int, str]]:
