@@ -204,13 +204,10 @@ class _Stream(io.RawIOBase):
 def opened(path: Path) -> Iterator[OpenFile]:
     sources.check_readable(path)
     with sources.access_to(path):
-        descriptor = os.open(path, os.O_RDONLY)
-    try:
-        with sources.access_to(path):
-            status = os.fstat(descriptor)
-        yield OpenFile(path, status.st_size, descriptor, sources.FileState.of_status(status))
-    finally:
-        os.close(descriptor)
+        file = path.open("rb", buffering=0)
+    with file:
+        status = os.fstat(file.fileno())
+        yield OpenFile(path, status.st_size, file.fileno(), sources.FileState.of_status(status))
 
 
 STRIP = 1 << 20  # bytes of the pixels in a strip, about: they stay in the processor's cache

@@ -20,7 +20,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
-from mapdeal.files.source import PIECES, access_to, binary_file, check_readable, claim, use_memory
+from mapdeal.files.source import PIECES, binary_file, check_readable, claim, use_memory
 from mapdeal.files.text import coordinate_name, delimiter_of, first_line, is_number, read_rows
 from mapdeal.kernels.arrays import Array, Floats, Integers, Mask
 from mapdeal.kernels.sensing import lzf_expanded
@@ -113,7 +113,7 @@ _ARRAYS_BYTES_TOGETHER = 1 << 23
 _KEY = "points"
 
 
-def _npz_points(path: Path) -> Iterator[Floats]:
+def _npz_points(_: BinaryIO, path: Path) -> Iterator[Floats]:
     with NpzReader(path, _MOST_ELEMENTS) as reader:
         names = reader.names()
         if _KEY not in names and len(names) != 1:
@@ -525,9 +525,10 @@ _READERS: dict[str, Callable[[BinaryIO, Path], Iterator[Floats]]] = {
     ".pcd": _pcd_points, ".ply": _ply_points, ".xyz": _text_points, ".txt": _text_points,
     ".csv": _text_points, ".asc": _text_points, ".pts": _text_points, ".npy": _npy_points,
     ".bt": _octree_points, ".ot": _octree_points, ".bin": _kitti_points,
+    ".npz": _npz_points,
 }  # fmt: skip
 
-CLOUD_SUFFIXES = (*_READERS, ".npz")  # suffixes of point clouds
+CLOUD_SUFFIXES = tuple(_READERS)
 
 
 def header_figures(path: Path, form: str) -> dict[str, Any]:
@@ -552,16 +553,11 @@ def header_figures(path: Path, form: str) -> dict[str, Any]:
 def cloud_chunks(path: Path) -> Iterator[Floats]:
     with recognised(path, "a point cloud", CLOUD, NUMBERS):
         check_readable(path)
-        suffix = path.suffix.lower()
-        if suffix not in CLOUD_SUFFIXES:
+        if (suffix := path.suffix.lower()) not in CLOUD_SUFFIXES:
             rule = f"a cloud must end in {', '.join(CLOUD_SUFFIXES)}"
             raise MalformedInputError(rule, source=path, got=path.suffix)
-        if suffix == ".npz":
-            with access_to(path):
-                yield from _npz_points(path)
-        else:
-            with binary_file(path) as file:
-                yield from _READERS[suffix](file, path)
+        with binary_file(path) as file:
+            yield from _READERS[suffix](file, path)
 
 
 def read_cloud(path: Path | str, *, max_memory: int | None = None) -> Floats:

@@ -187,24 +187,20 @@ def _planar_poses(rows: Floats, path: Path) -> Floats:
         _warn_of(is_odd, "a yaw of more than a turn; is it in degrees?", path)
         turns = np.where(is_odd, np.round(rows[:, 2] / (2 * math.pi)), 0.0)
         return np.column_stack([rows[:, :2], rows[:, 2] - turns * 2 * math.pi])
-    headings = _headings(rows[:, 4:], path)
-    times = rows[:, 0]
-    if (times != times[0]).any():  # a constant time, usually 0, means that times are missing
-        is_late = np.concatenate([[False], times[1:] <= times[:-1]])
-        _warn_of(is_late, "a time that is not after the last", path)
-    return np.column_stack([rows[:, 1:3], headings])
-
-
-def _headings(quaternions: Floats, path: Path) -> Floats:
-    lengths = np.linalg.norm(quaternions, axis=1)
+    lengths = np.linalg.norm(rows[:, 4:], axis=1)
     if not lengths.all():
         place = f"pose {int(np.argmin(lengths)) + 1}"
         raise MalformedInputError("the quaternion is zero", source=path, place=place)
     _warn_of(np.abs(lengths - 1) > _LENGTH_TOLERANCE, "a quaternion that is not of length 1", path)
-    x, y, z, w = (quaternions / lengths[:, np.newaxis]).T
+    x, y, z, w = (rows[:, 4:] / lengths[:, np.newaxis]).T
     upright = 1 - 2 * (x * x + y * y)  # the cosine of the angle between both z axes
     _warn_of(upright < math.cos(_MOST_TILT), _TILTED, path)
-    return np.asarray(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    times = rows[:, 0]
+    if (times != times[0]).any():  # a constant time, usually 0, means that times are missing
+        is_late = np.concatenate([[False], times[1:] <= times[:-1]])
+        _warn_of(is_late, "a time that is not after the last", path)
+    headings = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return np.column_stack([rows[:, 1:3], headings])
 
 
 def _warn_of(mask: Mask, fault: str, path: Path) -> None:

@@ -365,7 +365,14 @@ def _layout_of(words: list[bytes]) -> _Layout:
         if len(words) < 10 + count:
             raise MalformedInputError(f"must have {count} readings and more, ends before")
         start, field, step, longest = _numbers(words[2:6])
-        laser = _laser(start, field, step, count)
+        if not (abs(start) <= _LARGEST_ANGLE and 0 < abs(step) <= _LARGEST_ANGLE):  # nan too
+            rule = "start angle and resolution must be angles in radians, and not 0"
+            raise MalformedInputError(rule)
+        span = abs(step) * (count - 1)
+        if field > 0 and count > 1 and abs(span - field) > 1.5 * abs(step):
+            rule = f"{count} readings span {span:.4g} rad, not the field of view of {field:.4g}"
+            raise MalformedInputError(rule)
+        laser = _Laser(start, step, count)
         remissions = _reading_count(words, 9 + count)
         parts = {"head": 9, "ranges": count, "middle": 1, "remissions": remissions}
         if words[0] == b"ROBOTLASER1":
@@ -406,17 +413,6 @@ def _scans_at_once(lines: list[bytes]) -> list[_Scan] | None:
         poses = list(map(tuple, table["pose"].tolist()))
     ranges = _without_maxima(layout.longest, table["ranges"])
     return [_Scan(layout.laser, *fields) for fields in zip(poses, ranges, times, strict=True)]
-
-
-def _laser(start: float, field: float, step: float, count: int) -> _Laser:
-    if not (abs(start) <= _LARGEST_ANGLE and 0 < abs(step) <= _LARGEST_ANGLE):  # nan too
-        rule = "start angle and resolution must be angles in radians, and not 0"
-        raise MalformedInputError(rule)
-    span = abs(step) * (count - 1)
-    if field > 0 and count > 1 and abs(span - field) > 1.5 * abs(step):
-        rule = f"{count} readings span {span:.4g} rad, not the field of view of {field:.4g}"
-        raise MalformedInputError(rule)
-    return _Laser(start, step, count)
 
 
 def _without_maxima(longest: float, ranges: Floats) -> Floats:
