@@ -1,11 +1,13 @@
 """Messages decoded by their definitions, compared with rosbags."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from mapdeal.bags.decoding import KNOWN, decoder_of
+from mapdeal.bags.decoding import KNOWN, decoded, types_in
 
 NUMBERS = {
     "bool": np.bool_, "int8": np.int8, "uint8": np.uint8, "int16": np.int16, "uint16": np.uint16,
@@ -67,6 +69,11 @@ def check(decoded, expected):
         assert (type(decoded), decoded) == (type(expected), expected)
 
 
+def decoder_of(text, is_ros1):
+    name = "pkg/msg/Root"
+    return partial(decoded, name=name, types=types_in(name, text), is_ros1=is_ros1)
+
+
 @given(st.data(), st.booleans())
 def test_any_message_is_decoded_as_rosbags_does(data, is_ros1):
     basic = (*NUMBERS, "string")
@@ -76,7 +83,7 @@ def test_any_message_is_decoded_as_rosbags_does(data, is_ros1):
     store.register(get_types_from_msg(text, "pkg/msg/Root"))
     message = message_of(data.draw, "pkg/Root", store, lines)
     raw = bytes((store.serialize_ros1 if is_ros1 else store.serialize_cdr)(message, "pkg/msg/Root"))
-    decode = decoder_of("pkg/msg/Root", text, is_ros1=is_ros1)
+    decode = decoder_of(text, is_ros1=is_ros1)
     check(decode(raw), message)
     for damaged in (raw[: len(raw) // 2], raw + bytes(4)):
         with pytest.raises(Exception, match=r"."):  # as many kinds as there are reasons
@@ -101,19 +108,19 @@ def test_the_known_types_are_those_of_the_latest_ros_2(name):
 ])  # fmt: skip
 def test_definitions_that_make_no_sense_are_refused(definition, rule):
     with pytest.raises(ValueError, match=rule):
-        decoder_of("pkg/msg/Root", definition, is_ros1=True)
+        types_in("pkg/msg/Root", definition)
 
 
 @pytest.mark.parametrize("header", [b"", b"\0", b"\0\2\0\0", b"\0\7\0\0", b"\1\0\0\0"])
 def test_other_encodings_than_cdr_are_refused(header):
-    decode = decoder_of("pkg/msg/Root", "uint32 x\n", is_ros1=False)
+    decode = decoder_of("uint32 x\n", is_ros1=False)
     assert decode(b"\0\0\0\0\0\0\0\1").x == decode(b"\0\1\0\0\1\0\0\0").x == 1
     with pytest.raises(ValueError, match="is in another encoding than CDR"):
         decode(header + b"\1\0\0\0" * bool(header[2:]))
 
 
 def test_lengths_beyond_the_message_take_no_memory():
-    decode = decoder_of("pkg/msg/Root", "pkg/Empty[] x\n===\nMSG: pkg/Empty\n", is_ros1=True)
+    decode = decoder_of("pkg/Empty[] x\n===\nMSG: pkg/Empty\n", is_ros1=True)
     assert len(decode(b"\2\0\0\0").x) == 2
     with pytest.raises(ValueError, match="x cannot have 4294967295 elements"):
         decode(b"\xff\xff\xff\xff")

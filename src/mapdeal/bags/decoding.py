@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import groupby
 from types import SimpleNamespace
@@ -75,26 +75,19 @@ class _Field(NamedTuple):
         return struct.calcsize(_FORMATS[self.kind]) if is_number else 0
 
 
-_Types = Mapping[str, list[tuple[int, list[_Field], str]]]
+Types = Mapping[str, list[tuple[int, list[_Field], str]]]
 
 
-def decoder_of(name: str, definition: str, *, is_ros1: bool) -> Callable[[bytes], Any]:
-    types = _types_in(name, definition)
-    if name not in types:
-        raise ValueError("it has no definition")
-
-    def decode(data: bytes) -> Any:
-        message = _Message(data, types, is_ros1=is_ros1)
-        decoded = message.read(name)
-        if not 0 <= len(data) - message.at <= (0 if is_ros1 else 3):
-            raise ValueError(f"has {len(data)} bytes, of which {message.at} are described")
-        return decoded
-
-    return decode
+def decoded(data: bytes, name: str, types: Types, *, is_ros1: bool) -> Any:
+    message = _Message(data, types, is_ros1=is_ros1)
+    value = message.read(name)
+    if not 0 <= len(data) - message.at <= (0 if is_ros1 else 3):
+        raise ValueError(f"has {len(data)} bytes, of which {message.at} are described")
+    return value
 
 
 @lru_cache(maxsize=32)
-def _types_in(name: str, definition: str) -> _Types:
+def types_in(name: str, definition: str) -> Types:
     """Return the fields of all types in a definition, single numbers of equal size in groups."""
     if len(definition) > _LONGEST_DEFINITION:
         raise ValueError(f"{len(definition)} characters, the limit is {_LONGEST_DEFINITION}")
@@ -109,6 +102,8 @@ def _types_in(name: str, definition: str) -> _Types:
         normalised_type(key): _fields_of(lines, key.partition("/")[0])
         for key, lines in texts.items()
     }
+    if name not in fields_by_type:
+        raise ValueError("it has no definition")
     fields = [field for fields in fields_by_type.values() for field in fields]
     check_array_lengths([field.length for field in fields if field.length])
     return {
@@ -149,7 +144,7 @@ def check_array_lengths(lengths: Sequence[int]) -> None:
 
 
 class _Message:
-    def __init__(self, data: bytes, types: _Types, *, is_ros1: bool) -> None:
+    def __init__(self, data: bytes, types: Types, *, is_ros1: bool) -> None:
         if not is_ros1 and data[:2] not in (b"\0\0", b"\0\1"):
             raise ValueError(f"is in another encoding than CDR: {data[:2].hex()}")
         self._data, self._types, self._is_ros1 = data, types, is_ros1

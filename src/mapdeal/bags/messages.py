@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mapdeal.bags import bag as bags
 from mapdeal.bags.chunked import MCAP_MAGIC
-from mapdeal.bags.decoding import KNOWN, decoder_of
+from mapdeal.bags.decoding import KNOWN, decoded, types_in
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import access_to, chunks_of, claim
 from mapdeal.files.transaction import Transaction, temporary_folder
@@ -306,26 +306,23 @@ class Decoder:
     def __init__(self, bag: bags.Bag) -> None:
         self._bag = bag
         self._connections = {connection.id: connection for connection in bag.connections}
-        self._deserializers: dict[int, Callable[[bytes], Any]] = {}
 
     def message(self, place: bags.Place) -> Any:
         connection = self._connections[place.connection]
-        if connection.id not in self._deserializers:
-            name, is_ros1 = connection.type, connection.encoding == "ros1"
-            try:
-                decode = decoder_of(name, connection.definition, is_ros1=is_ros1)
-            except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
-                rule = f"its type {name} cannot be parsed: {error}"
-                raise self._bag.malformed(rule, connection.topic) from None
-            self._deserializers[connection.id] = decode
+        name, is_ros1 = connection.type, connection.encoding == "ros1"
+        try:
+            types = types_in(name, connection.definition)
+        except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
+            rule = f"its type {name} cannot be parsed: {error}"
+            raise self._bag.malformed(rule, connection.topic) from None
         data = self._bag.read_message(place)
-        needed = (_OBJECT_FACTOR if connection.type in TF_TYPES else _ARRAY_FACTOR) * len(data)
+        needed = (_OBJECT_FACTOR if name in TF_TYPES else _ARRAY_FACTOR) * len(data)
         claim(self._bag.path, needed, what=f"the {len(data)} bytes of a message")
         try:
-            return self._deserializers[connection.id](data)
+            return decoded(data, name, types, is_ros1=is_ros1)
         except Exception as error:  # noqa: BLE001 - decoders of damaged bytes fail in many ways
-            rule = f"a message at {place.time} ns is not a valid {connection.type}"
-            rule += f": {error or type(error).__name__}"
+            reason = error or type(error).__name__
+            rule = f"a message at {place.time} ns is not a valid {name}: {reason}"
             raise self._bag.malformed(rule, connection.topic) from None
 
     def read(self, place: bags.Place, make: Callable[[Any], _T]) -> _T:
