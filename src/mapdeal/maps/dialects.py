@@ -20,13 +20,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError, emit_warning
+from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.files.yaml_text import Entry, read_mapping, yaml_document
 from mapdeal.grid.field import ESDF_VIEW, View, ViewScale
 from mapdeal.grid.frame import Origin, check_origin, check_resolution
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
 from mapdeal.kernels.arrays import Bytes, Floats
-from mapdeal.maps.picture import Picture, Samples, by_sample, opaque_greys, to_16_bit
+from mapdeal.maps.picture import Picture, Samples, by_sample, opaque_greys, to_16_bit, warn_of
 from mapdeal.records import dataclass, field
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -67,14 +67,14 @@ def metadata_of(
     if absent := {key: value for key, value in defaults.items() if key not in entries}:
         them = "them" if len(absent) > 1 else "it"
         text = f"{', '.join(absent)} (ROS requires {them}); assuming {', '.join(absent.values())}"
-        _warn(path, "missing", text, "yaml.defaults")
+        warn_of(path, f"missing: {text}", "yaml.defaults")
     occupied_thresh = _threshold(entries, "occupied_thresh", 0.65)
     free_thresh = _threshold(entries, "free_thresh", 0.196)
     if free_thresh > occupied_thresh:
         raise _crossed_thresholds(path, entries, occupied_thresh, free_thresh)
     if free_thresh == occupied_thresh:
         text = f"equals occupied_thresh; read as dialect {dialect} does"
-        _warn(path, "free_thresh", text, "thresholds.equal")
+        warn_of(path, f"free_thresh: {text}", "thresholds.equal")
     mode = _mode(path, entries, dialect)
     view = _view(entries, mode)
     known = (*_KNOWN, *_LEGACY_MODES, *(_VIEW_KEYS if view is not None else ()))
@@ -113,10 +113,6 @@ def yaml_of(metadata: MapMetadata) -> bytes:
     return yaml_document(document)
 
 
-def _warn(path: Path, place: str, text: str, check: str) -> None:
-    emit_warning(MapdealWarning(f"{path}: {place}: {text}", check))
-
-
 def _typo_hint(missing: list[str], entries: dict[str, Entry]) -> str | None:
     import difflib  # only mistakes need it
 
@@ -131,7 +127,7 @@ def _number(entry: Entry) -> float:
     value = entry.number()
     if entry.is_yaml_1_1_text:
         text = f"{entry.text()!r} is text to YAML 1.1 readers; read as {value:g}"
-        _warn(entry.source, entry.place, text, "yaml.number-as-text")
+        warn_of(entry.source, f"{entry.place}: {text}", "yaml.number-as-text")
     return value
 
 
@@ -149,12 +145,12 @@ def _origin(entry: Entry, mend: bool) -> Origin:
     try:
         if mend and items[2].text().lower().lstrip("+-.") == "nan":
             text = f"yaw {items[2].text()}, a fault of some map savers: must be 0"
-            _warn(entry.source, entry.place, text, "yaml.nan-yaw")
+            warn_of(entry.source, f"{entry.place}: {text}", "yaml.nan-yaw")
             return check_origin([*(_number(item) for item in items[:2]), 0.0])
         origin = check_origin([_number(item) for item in items])
         if abs(origin[2]) > 2 * math.pi:
             text = f"a yaw of {origin[2]:.6g} rad is more than a turn; is it in degrees?"
-            _warn(entry.source, entry.place, text, "yaml.yaw-in-degrees")
+            warn_of(entry.source, f"{entry.place}: {text}", "yaml.yaw-in-degrees")
         return origin
     except ParameterError as error:
         raise entry.error(error.rule) from None
@@ -179,7 +175,7 @@ def _negate(path: Path, entries: dict[str, Entry], dialect: Dialect) -> bool:
     value = word in _YES
     if dialect == "ros1" and not word.isdigit():
         remark = f"{entry.text()} is refused by ROS 1; read as {value:d}"
-        _warn(path, entry.place, remark, "yaml.negate-word")
+        warn_of(path, f"{entry.place}: {remark}", "yaml.negate-word")
     return value
 
 
@@ -188,7 +184,7 @@ def _mode(path: Path, entries: dict[str, Entry], dialect: Dialect) -> Mode:
         if not (legacy := [key for key in _LEGACY_MODES if key in entries]):
             return "trinary"
         text = "old key; its meaning is written mode: trinary, scale or raw"
-        _warn(path, legacy[0], text, "yaml.legacy-mode")
+        warn_of(path, f"{legacy[0]}: {text}", "yaml.legacy-mode")
         chosen = [key for key in legacy if entries[key].text().lower() in ("true", "1")]
         return chosen[0] if chosen else "trinary"  # type: ignore[return-value]
     entry = entries["mode"]
@@ -197,7 +193,7 @@ def _mode(path: Path, entries: dict[str, Entry], dialect: Dialect) -> Mode:
         raise entry.error("must be trinary, scale or raw")
     if dialect == "ros1" and text != text.lower():
         remark = f"{text} is refused by ROS 1; read as {text.lower()}"
-        _warn(path, entry.place, remark, "yaml.mode-case")
+        warn_of(path, f"{entry.place}: {remark}", "yaml.mode-case")
     return text.lower()  # type: ignore[return-value]
 
 

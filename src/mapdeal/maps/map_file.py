@@ -112,12 +112,9 @@ class MapFile(ABC):
 
     def sums_by_name(self, known_sums: Mapping[Path, str]) -> dict[str, str]:
         """Return the sha256 of each file by name: a known one, or that of the file as it is now."""
-        sums = {path.name: known_sums.get(path) or self._sum_of(path) for path in self.files}
+        sums = {path.name: known_sums.get(path) or sha256_of(path) for path in self.files}
         self.check_unchanged()
         return sums
-
-    def _sum_of(self, path: Path) -> str:
-        return sha256_of(path)
 
     def check_unchanged(self) -> None:
         # Another process may have replaced the image and the YAML file between our two reads.

@@ -316,9 +316,6 @@ class PairFile(MapFile):
         remarks.warn(self.path, self._image.file.path)
         return grid
 
-    def _sum_of(self, path: Path) -> str:
-        return super()._sum_of(path) if path == self.path else self._image.file.sha256()
-
 
 def image_of(path: Path, metadata: MapMetadata, bits: Path | None) -> Path:
     """Return the image of a YAML file; `bits` is the bit map that it must name, if any."""
