@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from mapdeal.bags.decoding import KNOWN, decoded, types_in
+from mapdeal.bags.messages import KNOWN, decoded, types_in
 
 NUMBERS = {
     "bool": np.bool_, "int8": np.int8, "uint8": np.uint8, "int16": np.int16, "uint16": np.uint16,
