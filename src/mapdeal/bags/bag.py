@@ -145,19 +145,13 @@ class MessageIndex:
 class Bag(ABC):
     # Only an index of the requested messages is in memory. Messages are read one by one, with a
     # few chunks in memory at most.
+    connections: Sequence[Connection]  # also those without messages
+
     def __init__(self, path: Path, form: str) -> None:
         self.path = path
+        self.files: tuple[Path, ...] = (path,)
         self.form = form  # type of the bag, with an article: ``a ROS 1 bag``
         self._warnings: list[str] = []
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        return (self.path,)
-
-    @property
-    @abstractmethod
-    def connections(self) -> Sequence[Connection]:
-        """All connections, also those without messages."""
 
     @abstractmethod
     def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:

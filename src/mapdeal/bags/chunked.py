@@ -17,7 +17,7 @@ import struct
 from abc import abstractmethod
 from array import array
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -114,10 +114,7 @@ class ChunkedBag(Bag):
             self._file.close()
             raise
         self._cache = ChunkCache(self._chunk_data)
-
-    @property
-    def connections(self) -> Sequence[Connection]:
-        return list(self._found.values())
+        self.connections = list(self._found.values())
 
     def close(self) -> None:
         self._file.close()

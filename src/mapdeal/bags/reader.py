@@ -55,25 +55,18 @@ class FolderBag(bags.Bag):
         except BaseException:
             self._stack.close()
             raise
-        self._connections: list[bags.Connection] = []
+        metadata, paths = path / bags.METADATA, tuple(part.path for part in self._parts)
+        self.files = (metadata, *paths) if sources.exists(metadata) else paths
+        self.connections: list[bags.Connection] = []
         self._origins: list[tuple[bags.Bag, int]] = []
         for part in self._parts:
             for c in part.connections:
                 self._origins.append((part, c.id))
                 declared = serializations.get(c.topic, c.serialization)
                 encoding = c.encoding if declared == c.serialization else ""
-                number = len(self._connections)
+                number = len(self.connections)
                 copy = replace(c, id=number, encoding=encoding, serialization=declared)
-                self._connections.append(copy)
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        metadata, parts = self.path / bags.METADATA, tuple(part.path for part in self._parts)
-        return (metadata, *parts) if sources.exists(metadata) else parts
-
-    @property
-    def connections(self) -> Sequence[bags.Connection]:
-        return self._connections
+                self.connections.append(copy)
 
     def close(self) -> None:
         self._stack.close()
@@ -202,7 +195,7 @@ def open_bag(path: Path) -> Iterator[bags.Bag]:
                 rule = "is not a bag of ROS 1 or ROS 2" if head else "is empty"
                 raise MalformedInputError(rule, source=path)
             bag = kind(file)
-            bag.path = path
+            bag.path, bag.files = path, (path,)
         stack.enter_context(closing(bag))
         names = sorted({connection.serialization for connection in bag.connections})
         if names and not any(connection.encoding for connection in bag.connections):

@@ -9,7 +9,7 @@ rosbag2_storage_sqlite3: tables ``topics`` and ``messages``, from its schema 4 o
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from itertools import islice
 from pathlib import Path
@@ -56,15 +56,11 @@ class SqliteBag(Bag):
             self._db = self._connect(path)
         try:
             with self._sqlite_errors():
-                self._found = self._read_all_connections()
+                self.connections = self._read_all_connections()
                 self._db.execute("PRAGMA cache_size = -16384")
         except BaseException:
             self.close()
             raise
-
-    @property
-    def connections(self) -> Sequence[Connection]:
-        return self._found
 
     def close(self) -> None:
         self._db.close()
@@ -91,7 +87,7 @@ class SqliteBag(Bag):
     def summary(self) -> dict[int, MessageSpan]:
         if self._is_cut:
             return super().summary()
-        spans = {connection.id: MessageSpan() for connection in self._found}
+        spans = {connection.id: MessageSpan() for connection in self.connections}
         ids = ",".join(map(str, spans))
         time = _INTEGER.format("timestamp")
         query = f"SELECT topic_id, COUNT(*), MIN({time}), MAX({time}) FROM messages"  # noqa: S608

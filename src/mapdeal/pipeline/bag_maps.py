@@ -560,16 +560,8 @@ class BagScans(ScanSource):
         self._is_prepared = self._has_steps = False
         self._outside: dict[str, int] = {}
         self._leaning = self._unstamped = 0
-        self.files = (*bag.files, *self._frames.files)
-        self.preparation = self._frames.count
-
-    @property
-    def named(self) -> Path:
-        return self._bag.path
-
-    @property
-    def count(self) -> int:
-        return len(self._index)
+        self.files, self.named = (*bag.files, *self._frames.files), bag.path
+        self.count, self.preparation = len(self._index), self._frames.count
 
     def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:
         if not self._is_prepared:

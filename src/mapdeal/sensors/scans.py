@@ -46,7 +46,9 @@ class ScanSource(ABC):
     """Source of scans from files; it can be read more than once."""
 
     files: tuple[Path, ...]
-    preparation = 0  # number of steps before the scans can be read, for a progress bar
+    named: Path  # file that errors about the scans refer to
+    preparation = 0  # steps before the scans can be read, for a progress bar
+    count: int  # approximate number of scans, for a progress bar
 
     def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:  # noqa: B027
         """Read data that all scans need, such as poses; call `advance` after each step."""
@@ -54,16 +56,6 @@ class ScanSource(ABC):
     @abstractmethod
     def scans(self) -> Iterator[ScanArrays]:
         """Yield all scans in their order, in groups with the same angles."""
-
-    @property
-    @abstractmethod
-    def count(self) -> int:
-        """Approximate number of scans, for a progress bar."""
-
-    @property
-    def named(self) -> Path:
-        """File that errors about the scans refer to."""
-        return self.files[-1]
 
     def warn(self) -> None:  # noqa: B027 - most sources have no warnings
         """Warn of skipped lines and scans, after all scans were read."""
@@ -99,17 +91,14 @@ class BadLines:
 
 class ScanTexts(ScanSource):
     def __init__(self, poses: Path, angles: Path, ranges: Path, *, flip_y: bool = False) -> None:
-        self.files = (poses, angles, ranges)
+        self.files, self.named = (poses, angles, ranges), ranges
         for path in self.files:
             check_readable(path)
         self._poses = read_poses(poses)
         if flip_y:
             self._poses[:, 1] *= -1.0
         self._angles = _read_angles(angles)
-
-    @property
-    def count(self) -> int:
-        return len(self._poses)
+        self.count = len(self._poses)
 
     def scans(self) -> Iterator[ScanArrays]:
         poses, angles, path = self.files
@@ -218,7 +207,7 @@ class CarmenLog(ScanSource):
     # describe the same scans, so only the most frequent kind with a pose is used.
     def __init__(self, path: Path, *, max_bad: int) -> None:
         check_readable(path)
-        self.files, self._path = (path,), path
+        self.files, self.named = (path,), path
         self._start_over(max_bad)
         # split only the beginning, because splitting copies the whole line
         words = (line[:_LONGEST_TAG].split(maxsplit=1)[0] for _, line in self._lines(_TAGS))
@@ -228,16 +217,13 @@ class CarmenLog(ScanSource):
             raise MalformedInputError(rule, source=path, hint="CARMEN logs have such lines")
         posed = [tag for tag in _POSE_TAGS if tag in self._tags]
         self._tag = max(posed, key=self._tags.__getitem__) if posed else "RAWLASER1"
+        self.count = self._tags[self._tag]
 
     def _start_over(self, max_bad: int) -> None:
-        self._bad = BadLines(self._path, max_bad)
+        self._bad = BadLines(self.named, max_bad)
         self._late = self._without_pose = self._repeated = 0
         self._has_times = False  # a constant time, usually 0, means that times are missing
         self._odometry: tuple[float, float, float] | None = None
-
-    @property
-    def count(self) -> int:
-        return self._tags[self._tag]
 
     def scans(self) -> Iterator[ScanArrays]:
         self._start_over(self._bad.most)
@@ -259,7 +245,7 @@ class CarmenLog(ScanSource):
             group.append(scan)
         if 2 * self._without_pose > self.count:
             rule = f"{self._without_pose} of {self.count} RAWLASER1 lines have no ODOM line before"
-            raise MalformedInputError(rule, source=self._path)
+            raise MalformedInputError(rule, source=self.named)
         if group:
             yield _arrays(group)
         elif self._bad.count:
@@ -279,7 +265,7 @@ class CarmenLog(ScanSource):
             self._warn(f"{text}, kept in this order")
 
     def _warn(self, text: str) -> None:
-        emit_warning(f"{self._path}: {text}")
+        emit_warning(f"{self.named}: {text}")
 
     def _parse(self) -> Iterator[_Scan]:
         tags = (self._tag,) if self._tag in _POSE_TAGS else (self._tag, "ODOM")
@@ -316,7 +302,7 @@ class CarmenLog(ScanSource):
     def _lines(self, tags: tuple[str, ...]) -> Iterator[tuple[int, bytes]]:
         """Yield number and text of the lines that begin with one of the tags."""
         starts = tuple(f"{tag}{blank}".encode() for tag in tags for blank in (" ", "\t"))
-        most = _EXPANSION * status_of(self._path).st_size + LONGEST_LINE
+        most = _EXPANSION * status_of(self.named).st_size + LONGEST_LINE
         number = length = 0
         is_start = True
         with self._open() as file:
@@ -324,7 +310,7 @@ class CarmenLog(ScanSource):
                 length += len(line) + _SHORT_LINE
                 if length > most:
                     rule = f"the gzip data expand to more than {_EXPANSION} times their size"
-                    raise MalformedInputError(rule, source=self._path)
+                    raise MalformedInputError(rule, source=self.named)
                 number += is_start
                 if is_start and (text := line.lstrip(b"\xef\xbb\xbf \t")).startswith(starts):
                     yield number, text
@@ -332,7 +318,7 @@ class CarmenLog(ScanSource):
 
     @contextmanager
     def _open(self) -> Iterator[BinaryIO]:
-        with access_to(self._path), self._path.open("rb") as file:
+        with access_to(self.named), self.named.open("rb") as file:
             is_compressed = file.read(2) == b"\x1f\x8b"
             file.seek(0)
             if not is_compressed:
@@ -343,7 +329,7 @@ class CarmenLog(ScanSource):
                     yield text  # type: ignore[misc]
             except (gzip.BadGzipFile, EOFError, zlib.error) as error:
                 rule = f"the gzip data are damaged: {error}"
-                raise MalformedInputError(rule, source=self._path) from None
+                raise MalformedInputError(rule, source=self.named) from None
 
 
 def _arrays(scans: list[_Scan]) -> ScanArrays:
@@ -466,7 +452,7 @@ _MOST_ELEMENTS = 1 << 31
 
 class ScanNpz(ScanSource):
     def __init__(self, path: Path) -> None:
-        self.files, self._path = (path,), path
+        self.files, self.named = (path,), path
         with NpzReader(path, _MOST_ELEMENTS) as reader:
             self._angles = reader.numbers("angles", 1)
             self._poses = reader.numbers("poses", 2)
@@ -479,15 +465,12 @@ class ScanNpz(ScanSource):
             if not (np.abs(array) <= FARTHEST_POSE).all():  # refuses nan too
                 rule = f"must be finite and within {FARTHEST_POSE:g}"
                 raise MalformedInputError(rule, source=path, place=name)
-
-    @property
-    def count(self) -> int:
-        return len(self._poses)
+        self.count = len(self._poses)
 
     def scans(self) -> Iterator[ScanArrays]:
         expected = (self.count, len(self._angles))
         start = 0
-        with NpzReader(self._path, _MOST_ELEMENTS) as reader:
+        with NpzReader(self.named, _MOST_ELEMENTS) as reader:
             for rows in reader.rows("ranges", len(self._angles), shape=expected):
                 yield ScanArrays(self._poses[start : start + len(rows)], self._angles, rows)
                 start += len(rows)
