@@ -30,7 +30,7 @@ from mapdeal.files import source as sources
 from mapdeal.kernels.blocks import Layer
 from mapdeal.maps import picture as pictures
 from mapdeal.maps.picture import ImageFormat, OpenFile, OpenImage, Picture, Samples, Strips, warn_of
-from mapdeal.records import dataclass, replace
+from mapdeal.records import replace
 
 _NOT_AN_IMAGE = "is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
 _NOT_SEPARATE = "white space must separate the header from the pixels"
@@ -46,40 +46,6 @@ _WRITTEN_AT_ONCE = 1 << 20
 _TRAILING = 64
 
 
-@dataclass(frozen=True)
-class _Header:
-    magic: int
-    width: int
-    height: int
-    maxval: int
-    end: int  # offset of the byte behind the last number
-
-    @property
-    def is_text(self) -> bool:
-        return self.magic <= 3
-
-    @property
-    def is_bits(self) -> bool:
-        return self.magic in (1, 4)
-
-    @property
-    def channels(self) -> int:
-        return 3 if self.magic in (3, 6) else 1
-
-    @property
-    def row_bytes(self) -> int:
-        if self.is_bits:
-            return (self.width + 7) // 8
-        return self.width * self.channels * (2 if self.maxval > 255 else 1)
-
-    def picture(self, samples: Samples) -> Picture:
-        """Return the picture of some rows; of bits `samples` are their brightness."""
-        maxval = 255 if self.is_bits else self.maxval
-        if self.channels == 3:
-            return Picture("PNM", "rgb", samples.reshape(-1, self.width, 3), maxval)
-        return Picture("PNM", "grey", samples.reshape(-1, self.width), maxval)
-
-
 def is_pnm(data: bytes) -> bool:
     """Return whether `data` starts like a netpbm file, PFM and PAM included."""
     return re.match(rb"P[1-7fF](\s|#)", data) is not None
@@ -88,22 +54,26 @@ def is_pnm(data: bytes) -> bool:
 class PnmImage(OpenImage):
     # By the netpbm standard 1 is black in P1 and P4; the ROS 1 reader takes bits for grey levels.
     def __init__(self, file: OpenFile, limit: int = pictures.LARGEST_CELLS) -> None:
-        self._header = _read_header(file)
-        super().__init__(file, self._header.height, self._header.width, limit)
+        self._magic, (width, height, self._maxval), self._header_end = _read_header(file)
+        self._is_text, self._is_bits = self._magic <= 3, self._magic in (1, 4)
+        self._channels = 3 if self._magic in (3, 6) else 1
+        self._row_bytes = width * self._channels * (2 if self._maxval > 255 else 1)
+        if self._is_bits:
+            self._row_bytes = (width + 7) // 8
+        super().__init__(file, height, width, limit)
 
     def memory(self) -> int:
-        header = self._header
-        if header.is_text:
+        if self._is_text:
             return self._memory_of_text()
-        per_row = max(header.width, header.row_bytes)
-        return header.width * header.height + min(sources.PIECES, 8 * per_row * header.height)
+        per_row = max(self.width, self._row_bytes)
+        return self.width * self.height + min(sources.PIECES, 8 * per_row * self.height)
 
     def _memory_of_text(self) -> int:
-        header = self._header
-        per_cell = 1 + header.channels * (1 + (header.maxval > 255)) if header.is_text else 0
-        if header.magic == 1:  # copies of the text, and samples, digits and a mask of digits
-            return 6 * self.file.size + 3 * header.width * header.height
-        return 3 * self.file.size + per_cell * header.width * header.height
+        cells = self.width * self.height
+        if self._magic == 1:  # copies of the text, and samples, digits and a mask of digits
+            return 6 * self.file.size + 3 * cells
+        per_cell = 1 + self._channels * (1 + (self._maxval > 255)) if self._is_text else 0
+        return 3 * self.file.size + per_cell * cells
 
     def _decoded(self) -> Strips:
         if (read := self.rows()) is not None:
@@ -111,23 +81,23 @@ class PnmImage(OpenImage):
             return read(slice(0, self.height))
         data = self.file.read_all()
         self._claim(self.memory())
-        samples = _plain_samples(data, self._header, self.file)
-        if self._header.is_bits:
+        samples = self._plain_samples(data)
+        if self._is_bits:
             samples = np.where(samples, np.uint8(0), np.uint8(255))
-        return pictures.strips_of(self._header.picture(samples))
+        return pictures.strips_of(self._picture_of(samples))
 
     def bits(self) -> NDArray[np.uint8]:
         """Return the bits of a P1 or P4 file, packed, row 0 in the north."""
-        header, file = self._header, self.file
+        file = self.file
         data = file.read_all()
         sources.note_sum(file.path, file.sha256)
-        if not header.is_bits:
-            raise file.error("must be a bit map, P1 or P4", "header", got=f"P{header.magic}")
+        if not self._is_bits:
+            raise file.error("must be a bit map, P1 or P4", "header", got=f"P{self._magic}")
         self.check_limit()
         self._claim(self._memory_of_text())
-        if header.is_text:
-            return np.packbits(_plain_samples(data, header, file), axis=1)
-        count = header.row_bytes * self.height
+        if self._is_text:
+            return np.packbits(self._plain_samples(data), axis=1)
+        count = self._row_bytes * self.height
         packed = np.frombuffer(data, dtype=np.uint8, count=count, offset=self._start())
         return packed.reshape(self.height, -1)
 
@@ -136,37 +106,43 @@ class PnmImage(OpenImage):
 
     def rows(self) -> Callable[[slice], Strips] | None:
         """Return a reader of ranges of rows, counted from the south; None for P1 to P3, texts."""
-        return None if self._header.is_text else partial(self._part, self._start())
+        return None if self._is_text else partial(self._part, self._start())
 
     def _part(self, start: int, rows: slice) -> Strips:
         north = self.height - rows.stop
         return pictures.strips_at_places(
-            (rows.stop - rows.start, self.width), self._header.row_bytes,
+            (rows.stop - rows.start, self.width), self._row_bytes,
             lambda first, end: self._picture(start, north + first, north + end),
         )  # fmt: skip
 
     def _picture(self, start: int, first: int, end: int) -> Picture:
-        header = self._header
-        count = (end - first) * header.row_bytes
-        data = self.file.read(start + first * header.row_bytes, count)
+        count = (end - first) * self._row_bytes
+        data = self.file.read(start + first * self._row_bytes, count)
         if len(data) < count:
             raise FileAccessError(sources.CHANGED, source=self.file.path)
         samples: Samples = np.frombuffer(data, dtype=np.uint8)
-        if header.is_bits:
-            bits = np.unpackbits(samples.reshape(-1, header.row_bytes), axis=1, count=header.width)
+        if self._is_bits:
+            bits = np.unpackbits(samples.reshape(-1, self._row_bytes), axis=1, count=self.width)
             np.subtract(bits, 1, out=bits)  # 0 becomes 255, and 1 becomes 0
-            return header.picture(bits)
-        if header.maxval > 255:
+            return self._picture_of(bits)
+        if self._maxval > 255:
             samples = np.frombuffer(data, dtype=">u2").astype(np.uint16)
-        if header.maxval not in (255, 65535):
-            before = first * header.width * header.channels
-            check_pixels(samples, header.maxval, before, self.file.path)
-        return header.picture(samples)
+        if self._maxval not in (255, 65535):
+            before = first * self.width * self._channels
+            check_pixels(samples, self._maxval, before, self.file.path)
+        return self._picture_of(samples)
+
+    def _picture_of(self, samples: Samples) -> Picture:
+        """Return the picture of some rows; of bits `samples` are their brightness."""
+        maxval = 255 if self._is_bits else self._maxval
+        if self._channels == 3:
+            return Picture("PNM", "rgb", samples.reshape(-1, self.width, 3), maxval)
+        return Picture("PNM", "grey", samples.reshape(-1, self.width), maxval)
 
     def _start(self) -> int:
         """Return the offset of the first pixel of a binary file; check the file's length."""
-        file, expected = self.file, self._header.row_bytes * self.height
-        start = _start_of_data(file, self._header, expected)
+        file, expected = self.file, self._row_bytes * self.height
+        start = self._start_of_data(expected)
         actual = file.size - start
         if actual < expected:
             rule = f"the pixels end early: expected {expected} bytes"
@@ -178,6 +154,84 @@ class PnmImage(OpenImage):
             warn_of(file.path, text, "image.trailing-bytes")
         return start
 
+    def _start_of_data(self, expected: int) -> int:
+        """Return the offset of the first pixel: one byte behind the header, or two after CR LF."""
+        # A DOS text conversion puts CR LF into the header. If no pixel had the value of a line
+        # feed, the pixels are intact and begin one byte later.
+        file, end = self.file, self._header_end
+        separator = file.head[end : end + 2]
+        if separator[:1] == b"#":
+            # A comment right behind maxval: its line end is the one byte before the pixels.
+            line_end = file.head.find(b"\n", end)
+            return line_end + 1 if line_end >= 0 else file.size
+        if not separator:
+            raise file.error("the file ends after its header")
+        if not separator[:1].isspace():
+            raise file.error(_NOT_SEPARATE, f"byte {end}")
+        if separator != b"\r\n":
+            return end + 1
+        length = file.size - end - 1
+        if length == expected + 1:
+            text = "header: DOS line ends; the pixels are intact and were read"
+            warn_of(file.path, text, "image.dos-header")
+            return end + 2
+        if length == expected and b"\r\n" not in file.head[:end]:
+            return end + 1  # a lone CR, then a first pixel of value 10
+        rule = f"CRLF-damaged: a text conversion has changed the pixels, expected {expected} bytes"
+        raise file.error(rule, "pixels", got=length)
+
+    def _plain_samples(self, data: bytes) -> Samples:
+        count = self.width * self.height * self._channels
+        body = data[self._header_end :]
+        if b"#" in body:
+            body = _COMMENT.sub(b"", body)
+        if self._magic == 1:
+            digits = np.frombuffer(body.translate(None, b" \t\n\v\f\r"), dtype=np.uint8)
+            is_digit = (digits | 1) == 49
+            if not is_digit.all():
+                place = f"pixel {int(np.argmin(is_digit))}"
+                raise self.file.error("a P1 pixel must be 0 or 1", place)
+            self._check_count(len(digits), count)
+            return (digits - 48).reshape(self.height, self.width)
+        if not body[:1].isspace():
+            raise self.file.error(_NOT_SEPARATE, f"byte {self._header_end}")
+        return self._numbers(body, count)
+
+    def _numbers(self, body: bytes, count: int) -> Samples:
+        """Return the numbers of a text; it is parsed in parts, because words take much memory."""
+        samples: Samples = np.empty(count, dtype=np.uint8 if self._maxval <= 255 else np.uint16)
+        found = start = 0
+        while start < len(body):
+            blank = _BLANK.search(body, start + _TEXT_AT_ONCE)
+            end = blank.start() if blank else len(body)
+            part, start = body[start:end], end
+            values = self._whole_numbers(part, found)
+            check_pixels(values, self._maxval, found, self.file.path)
+            samples[found : found + len(values)] = values[: max(count - found, 0)]
+            found += len(values)
+        self._check_count(found, count)
+        return samples
+
+    def _whole_numbers(self, text: bytes, first: int) -> NDArray[np.int64]:
+        if not text.strip():
+            return np.empty(0, dtype=np.int64)
+        with suppress(ValueError):  # numpy refuses other words, and numbers above int64
+            if not text.translate(None, _DIGITS_AND_BLANKS):
+                values = np.loadtxt([text.translate(_IN_A_LINE)], dtype=np.int64, ndmin=1)
+                if values.max() < 10**_MOST_DIGITS:
+                    return values
+        odd, word = next(
+            (k, word) for k, word in enumerate(text.split())
+            if not word.isdigit() or len(word) > _MOST_DIGITS
+        )  # fmt: skip
+        rule = f"pixels must be whole numbers from 0 to {self._maxval}"
+        raise self.file.error(rule, f"pixel {first + odd}", got=word.decode("latin-1"))
+
+    def _check_count(self, actual: int, expected: int) -> None:
+        if actual != expected:
+            place = f"pixel {min(actual, expected)}"
+            raise self.file.error(f"must hold {expected} pixel values", place, got=actual)
+
 
 def check_pixels(samples: NDArray[Any], maxval: int, first: int, source: Path) -> None:
     """Refuse samples above `maxval`; `first` is the index of the first sample in the picture."""
@@ -188,7 +242,8 @@ def check_pixels(samples: NDArray[Any], maxval: int, first: int, source: Path) -
         raise MalformedInputError(rule, source=source, place=place, got=int(flat[index]))
 
 
-def _read_header(file: OpenFile) -> _Header:
+def _read_header(file: OpenFile) -> tuple[int, list[int], int]:
+    """Return the digit of the type, width, height and maxval, and where the last of them ends."""
     data = file.head
     kind = data[1:2].decode("latin-1")
     if not data.startswith(b"P") or kind not in list("1234567fF"):
@@ -207,10 +262,10 @@ def _read_header(file: OpenFile) -> _Header:
         if not re.fullmatch(r"-?\d{1,12}", text):
             raise file.error("must be a whole number", f"header {name}", got=text)
         numbers.append(int(text))
-    width, height, maxval = (*numbers, 1)[:3]
-    if not 1 <= maxval <= 65535:
-        raise file.error("must lie between 1 and 65535", "header maxval", got=maxval)
-    return _Header(magic, width, height, maxval, end)
+    numbers = [*numbers, 1][:3]
+    if not 1 <= numbers[2] <= 65535:
+        raise file.error("must lie between 1 and 65535", "header maxval", got=numbers[2])
+    return magic, numbers, end
 
 
 def pnm_comments(head: bytes) -> list[str]:
@@ -224,87 +279,6 @@ def pnm_comments(head: bytes) -> list[str]:
         if words >= 4:
             break
     return found
-
-
-def _start_of_data(file: OpenFile, header: _Header, expected: int) -> int:
-    """Return the offset of the first pixel: one byte behind the header, or two after CR LF."""
-    # A DOS text conversion puts CR LF into the header. If no pixel had the value of a line feed,
-    # the pixels are intact and begin one byte later.
-    data = file.head
-    if data[header.end : header.end + 1] == b"#":
-        # A comment right behind maxval: its line end is the one byte before the pixels.
-        line_end = data.find(b"\n", header.end)
-        return line_end + 1 if line_end >= 0 else file.size
-    separator = data[header.end : header.end + 2]
-    if not separator:
-        raise file.error("the file ends after its header")
-    if not separator[:1].isspace():
-        raise file.error(_NOT_SEPARATE, f"byte {header.end}")
-    start = header.end + 1
-    if separator != b"\r\n":
-        return start
-    length = file.size - start
-    if length == expected + 1:
-        text = "header: DOS line ends; the pixels are intact and were read"
-        warn_of(file.path, text, "image.dos-header")
-        return start + 1
-    if length == expected and b"\r\n" not in data[: header.end]:
-        return start  # a lone CR, then a first pixel of value 10
-    rule = f"CRLF-damaged: a text conversion has changed the pixels, expected {expected} bytes"
-    raise file.error(rule, "pixels", got=length)
-
-
-def _plain_samples(data: bytes, header: _Header, file: OpenFile) -> Samples:
-    count = header.width * header.height * header.channels
-    body = data[header.end :]
-    if b"#" in body:
-        body = _COMMENT.sub(b"", body)
-    if header.magic == 1:
-        digits = np.frombuffer(body.translate(None, b" \t\n\v\f\r"), dtype=np.uint8)
-        is_digit = (digits | 1) == 49
-        if not is_digit.all():
-            raise file.error("a P1 pixel must be 0 or 1", f"pixel {int(np.argmin(is_digit))}")
-        _check_count(len(digits), count, file)
-        return (digits - 48).reshape(header.height, header.width)
-    if not body[:1].isspace():
-        raise file.error(_NOT_SEPARATE, f"byte {header.end}")
-    return _numbers(body, count, header.maxval, file)
-
-
-def _numbers(body: bytes, count: int, maxval: int, file: OpenFile) -> Samples:
-    """Return the numbers of a text; it is parsed in parts, because words take much memory."""
-    samples: Samples = np.empty(count, dtype=np.uint8 if maxval <= 255 else np.uint16)
-    found = start = 0
-    while start < len(body):
-        blank = _BLANK.search(body, start + _TEXT_AT_ONCE)
-        end = blank.start() if blank else len(body)
-        part, start = body[start:end], end
-        values = _whole_numbers(part, found, maxval, file)
-        check_pixels(values, maxval, found, file.path)
-        samples[found : found + len(values)] = values[: max(count - found, 0)]
-        found += len(values)
-    _check_count(found, count, file)
-    return samples
-
-
-def _whole_numbers(text: bytes, first: int, maxval: int, file: OpenFile) -> NDArray[np.int64]:
-    if not text.strip():
-        return np.empty(0, dtype=np.int64)
-    with suppress(ValueError):  # numpy refuses other words than numbers, and numbers above int64
-        if not text.translate(None, _DIGITS_AND_BLANKS):
-            values = np.loadtxt([text.translate(_IN_A_LINE)], dtype=np.int64, ndmin=1)
-            if values.max() < 10**_MOST_DIGITS:
-                return values
-    words = text.split()
-    odd = next(i for i, word in enumerate(words) if not word.isdigit() or len(word) > _MOST_DIGITS)
-    rule = f"pixels must be whole numbers from 0 to {maxval}"
-    raise file.error(rule, f"pixel {first + odd}", got=words[odd].decode("latin-1"))
-
-
-def _check_count(actual: int, expected: int, file: OpenFile) -> None:
-    if actual != expected:
-        place = f"pixel {min(actual, expected)}"
-        raise file.error(f"must hold {expected} pixel values", place, got=actual)
 
 
 PNM = ImageFormat(
