@@ -313,7 +313,8 @@ class Grids(AbstractContextManager["Grids"]):
             for kind in (Reach, CloudLayers):
                 if (grid := file.layers_of(kind)) is not None:
                     return grid, file
-            if file.memory_to_read() <= self._room or not file.has_lazy_rows:
+            is_small = file.memory_to_read() <= self._room
+            if is_small or not (file.has_lazy_rows or file.shape_by_rows):
                 return file.read().grid, file
             height = max(file.shape()[0], _BAND_ROWS)
             band_bytes = _BAND_COPIES * file.memory_to_read() * _BAND_ROWS // height

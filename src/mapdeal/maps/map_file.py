@@ -49,7 +49,7 @@ class Painting(NamedTuple):
 class MapFile(ABC):
     metadata: MapMetadata | None = None  # the YAML of a pair
     shape_by_rows: tuple[int, int] | None = None  # if `by_rows` reads rows in any order
-    has_lazy_rows = False  # whether `by_rows` reads them in order
+    has_lazy_rows = False  # whether `by_rows` reads them in order alone
 
     def __init__(self, path: Path, states: Mapping[Path, FileState] | None = None) -> None:
         self.path = path

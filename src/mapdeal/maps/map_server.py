@@ -266,10 +266,6 @@ class PairFile(MapFile):
     def shape_by_rows(self) -> tuple[int, int] | None:  # type: ignore[override]
         return None if self._rows is None else (self._image.height, self._image.width)
 
-    @property
-    def has_lazy_rows(self) -> bool:  # type: ignore[override]
-        return self._rows is not None
-
     def memory_to_read(self) -> int:
         return self._image.memory()
 
