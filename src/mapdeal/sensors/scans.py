@@ -163,13 +163,8 @@ _TYPES = {"head": "S40", "middle": "S40", "ranges": "f8", "pose": "f8", "time": 
 _NO_POSE = (0.0, 0.0, 0.0)
 
 
-class _Laser(NamedTuple):
-    start: float  # angle of the first reading, radians
-    step: float
-    readings: int
-
-    def angles(self) -> list[float]:
-        return [self.start + k * self.step for k in range(self.readings)]
+_Laser = tuple[float, float, int]
+"""Angle of the first reading and between readings, radians, and their number."""
 
 
 class _Layout(NamedTuple):
@@ -334,7 +329,9 @@ class CarmenLog(ScanSource):
 
 def _arrays(scans: list[_Scan]) -> ScanArrays:
     poses, ranges = [scan.pose for scan in scans], [scan.ranges for scan in scans]
-    return ScanArrays(np.array(poses), np.array(scans[0].laser.angles()), np.array(ranges))
+    start, step, count = scans[0].laser
+    angles = start + step * np.arange(count, dtype=np.float64)
+    return ScanArrays(np.array(poses), angles, np.array(ranges))
 
 
 def _layout_of(words: list[bytes]) -> _Layout:
@@ -343,7 +340,7 @@ def _layout_of(words: list[bytes]) -> _Layout:
         if count not in _FLASER_STEPS:
             rule = f"FLASER must have 180, 181, 360 or 361 readings, has {count}"
             raise MalformedInputError(rule)
-        laser = _Laser(-math.pi / 2, math.radians(_FLASER_STEPS[count]), count)
+        laser = -math.pi / 2, math.radians(_FLASER_STEPS[count]), count
         longest = 0.0
         parts = {"head": 2, "ranges": count, "pose": 3, "robot": 3}
     else:
@@ -358,7 +355,7 @@ def _layout_of(words: list[bytes]) -> _Layout:
         if field > 0 and count > 1 and abs(span - field) > 1.5 * abs(step):
             rule = f"{count} readings span {span:.4g} rad, not the field of view of {field:.4g}"
             raise MalformedInputError(rule)
-        laser = _Laser(start, step, count)
+        laser = start, step, count
         remissions = _reading_count(words, 9 + count)
         parts = {"head": 9, "ranges": count, "middle": 1, "remissions": remissions}
         if words[0] == b"ROBOTLASER1":
