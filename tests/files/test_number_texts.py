@@ -7,7 +7,7 @@ from hypothesis import example, given, strategies as st
 
 from mapdeal import MalformedInputError
 from mapdeal.files.json_values import JsonValue, document_kind, read_json
-from mapdeal.files.text import Form, Kind, row_texts
+from mapdeal.files.text import Form, row_texts
 
 LINE = [Form(("", "\n"), (0,))]
 INTEGERS = st.integers(-9, 9) | st.integers(-(10**15) + 1, 10**15 - 1)
@@ -35,19 +35,19 @@ def _single(number):
 @example([9.5367431640625e-07, 4503599627370497.5, 5e-324, 1.7976931348623157e308, 1e-5, 1e16])
 def test_exact_numbers_are_written_as_python_does(numbers):
     expected = [repr(number) if math.isfinite(number) else "null" for number in numbers]
-    assert _texts(numbers, Kind.EXACT) == expected
+    assert _texts(numbers, "exact") == expected
 
 
 @given(st.lists(st.floats(width=32) | st.floats(0, 1e6, width=32)))
 def test_a_float32_is_written_as_numpy_does(numbers):
-    assert _texts(numbers, Kind.SINGLE) == [_single(number) for number in numbers]
+    assert _texts(numbers, "single") == [_single(number) for number in numbers]
 
 
 @given(st.lists(FLOATS), st.lists(st.tuples(st.integers(0, 1 << 40), st.integers(0, 60))))
 @example([99999999.95, 999999999.5, 0.000123456785, 1e-5, 1.5e-12], [(3, 30), (1, 9)])
 def test_between_them_nine_digits_are_written(numbers, binary):
     numbers = [*numbers, *((2 * integer + 1) / 2**places for integer, places in binary)]
-    assert _texts(numbers, Kind.SINGLE) == [_single(number) for number in numbers]
+    assert _texts(numbers, "single") == [_single(number) for number in numbers]
 
 
 @given(st.lists(st.tuples(st.floats(-99, 99), INTEGERS, st.integers(0, 2)), max_size=40))
@@ -59,7 +59,7 @@ def test_rows_have_the_form_that_is_chosen(rows):
     ]
     values = np.array([[x, n] for x, n, _ in rows], dtype=np.float64).reshape(-1, 2)
     chosen = np.array([k for *_, k in rows], dtype=np.uint8)
-    text = row_texts(values, [Kind.EXACT, Kind.INTEGER], forms, chosen)
+    text = row_texts(values, ["exact", "integer"], forms, chosen)
     expected = [({"k": 0, "x": x}, {"k": 1, "n": n, "x": x}, {"k": 2, "%s": "{}", "n": n})[k]
                 for x, n, k in rows]  # fmt: skip
     assert text.splitlines() == [json.dumps(row) for row in expected]

@@ -35,8 +35,10 @@ _FREE, _OCCUPIED, _UNKNOWN = range(len(_STATES))
 _STATES_OF_COSTS = ("free", "collision", "unknown", "outside")
 _FREE_COST, _COLLISION, _UNKNOWN_COST, _OUTSIDE = range(len(_STATES_OF_COSTS))
 # of x, y, row, col, distance, both slopes, and the distance of the cell
-_OF_POINTS = [*[Kind.EXACT] * 2, *[Kind.INTEGER] * 2, *[Kind.SINGLE] * 4]
-_OF_POSES = [*[Kind.EXACT] * 3, Kind.INTEGER]  # of x, y, yaw and the cost
+_OF_POINTS: list[Kind] = [
+    "exact", "exact", "integer", "integer", "single", "single", "single", "single",
+]  # fmt: skip
+_OF_POSES: list[Kind] = ["exact", "exact", "exact", "integer"]  # of x, y, yaw and the cost
 _PER_CELL, _OF_ROBOT = 1.0, 3.0  # bytes: the costs of a map, and what a robot's take to make
 # Returns a JSON object for each line that asks, and which of the places are inside of the map.
 Answer = Callable[[NumberLines], tuple[str, NDArray[np.bool_]]]

@@ -6,10 +6,9 @@ import io
 import os
 import re
 from collections.abc import Iterator, Sequence
-from enum import Enum
 from itertools import islice
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,12 +170,9 @@ def _check_line(line: bytes, number: int, table: _Table) -> None:
 _NOISE = 1e-12
 
 
-class Kind(Enum):
-    """Format of the numbers in a column; numbers that are not finite become ``null``."""
-
-    EXACT = 0  # `repr`
-    SINGLE = 1  # the fewest digits that identify a float32, else nine; 0 for rounding errors
-    INTEGER = 2  # no decimal point
+Kind = Literal["exact", "single", "integer"]
+"""Format of the numbers in a column: `repr`; the fewest digits that identify a float32, else nine,
+and 0 for rounding errors; or no decimal point. Numbers that are not finite become ``null``."""
 
 
 class Form(NamedTuple):
@@ -198,7 +194,7 @@ def row_texts(
 
 
 def _texts(values: NDArray[np.float64], kind: Kind) -> list[str]:
-    if kind is Kind.SINGLE:
+    if kind == "single":
         values = np.where(np.abs(values) < _NOISE, 0.0, values)
         with np.errstate(over="ignore", invalid="ignore"):
             single = values.astype(np.float32)
@@ -206,7 +202,7 @@ def _texts(values: NDArray[np.float64], kind: Kind) -> list[str]:
         short = np.flatnonzero(single == values)
         for index, text in zip(short.tolist(), single[short].astype(str).tolist(), strict=True):
             texts[index] = text
-    elif kind is Kind.INTEGER:
+    elif kind == "integer":
         texts = [f"{value:.0f}" for value in values.tolist()]
     else:
         texts = list(map(repr, values.tolist()))
