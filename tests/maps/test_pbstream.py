@@ -22,7 +22,7 @@ def written(tmp_path, *messages, name="m.pbstream", **options):
 
 def grey_of(path):
     with open_map(path) as file:
-        return file.painting().pixels[::-1], file.frame()
+        return file.painting()[0][::-1], file.frame()
 
 
 def rigid(x, y, yaw):
@@ -108,9 +108,9 @@ def test_painting_has_the_bytes_of_cairo(resolution):
         turn = rigid(0, 0, rng.uniform(-3, 3))[:2, :2] * (0.048 / resolution)
         textures.append((intensity | opacity << 16).astype(np.uint32))
         placed.append(Slice(int(width), int(height), turn, rng.uniform(-90, 90, 2)))
-    canvas = canvas_of([(None, part) for part in placed])
-    pixels = np.full((canvas.height, canvas.width), 128, dtype=np.uint8)
-    places = [part._replace(shift=part.shift + canvas.origin) for part in placed]
+    width, height, origin = canvas_of([(None, part) for part in placed])
+    pixels = np.full((height, width), 128, dtype=np.uint8)
+    places = [part._replace(shift=part.shift + origin) for part in placed]
     expected = painted_by_cairo(pixels.shape, textures, places)
     for texture, place in zip(textures, places, strict=True):
         paint(pixels, texture, place)

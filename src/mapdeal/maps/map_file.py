@@ -6,10 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, TypeVar
 
 from mapdeal.errors import FileAccessError
 from mapdeal.files.source import FileState, check_state, head_of, sha256_of, state_of
@@ -20,12 +17,15 @@ from mapdeal.grid.frame import Figures, Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.kernels import blocks
+from mapdeal.kernels.arrays import Array, Bytes
 from mapdeal.maps.dialects import Dialect, MapMetadata
 from mapdeal.maps.picture import warn_of
 from mapdeal.records import dataclass, field
 
 Grid = OccupancyGrid | Costmap | DistanceField | PotentialField | Reach
 G = TypeVar("G", bound=Grid)
+Painting = tuple[Bytes, str]
+"""Grey pixels of an image, row 0 in the south, and its comment."""
 
 _HALF_WAY = 50  # A cost that is low on either scale
 NOTHING_KNOWN = "every cell is unknown; are the thresholds, mode and negate right?"
@@ -37,13 +37,6 @@ class Source:
     files: tuple[Path, ...]
     metadata: MapMetadata | None = None
     sums: Mapping[str, str] = field(default_factory=dict)
-
-
-class Painting(NamedTuple):
-    """Grey pixels of an image, row 0 in the south, and its comment."""
-
-    pixels: NDArray[np.uint8]
-    comment: str
 
 
 class MapFile(ABC):
@@ -85,7 +78,7 @@ class MapFile(ABC):
         """Return what `info` says besides the figures of the grid."""
         return {}
 
-    def evidence(self) -> dict[str, NDArray[Any]]:
+    def evidence(self) -> dict[str, Array]:
         return {}
 
     def remark(self, grid: Grid) -> None:

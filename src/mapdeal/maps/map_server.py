@@ -454,7 +454,8 @@ def write_pair(
             pixels = _pixels_of(pixels, occupancy_from_cost().view(np.uint8))
         write_image = _pixel_writer(image, pixels, grid)
     elif painted is not None:
-        mode, write_image = "trinary", _pixel_writer(image, painted.pixels, grid, painted.comment)
+        pixels, comment = painted
+        mode, write_image = "trinary", _pixel_writer(image, pixels, grid, comment)
     else:
         is_raw = isinstance(grid, FieldView) or _has_graded_values(grid.occupancy)
         mode = mode or ("raw" if is_raw else "trinary")

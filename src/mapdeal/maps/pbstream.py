@@ -333,7 +333,7 @@ class StateFile(MapFile):
         return 3 * height * width + _PER_BYTE * self._largest + sources.PIECES
 
     def painting(self) -> Painting:
-        return Painting(self._pixels, f"Cartographer map; {self._resolution:g} m/pixel")
+        return self._pixels, f"Cartographer map; {self._resolution:g} m/pixel"
 
     @cached_property
     def _pixels(self) -> Bytes:
@@ -341,8 +341,9 @@ class StateFile(MapFile):
         sources.claim(self.path, self.memory_to_read(), what=f"{width} x {height} cells")
         pixels = np.full((height, width), UNKNOWN_GREY, dtype=np.uint8)
         with sources.binary_file(self.path) as file:
+            *_, origin = self._canvas
             for submap, place in self._slices:
-                shift = place.shift + self._canvas.origin
+                shift = place.shift + origin
                 paint(pixels, submap.texture(file), place._replace(shift=shift))
         sources.note_sum(self.path, lambda: sources.sha256_of(self.path))
         return pixels[::-1]
@@ -399,14 +400,9 @@ class Slice(NamedTuple):
     shift: Floats
 
 
-class Canvas(NamedTuple):
-    width: int
-    height: int
-    origin: tuple[float, float]  # of the map on the canvas, pixels from its upper left corner
-
-
-def canvas_of(slices: Iterable[tuple[Any, Slice]]) -> Canvas:
-    """Return the canvas around all slices, with float32 bounds as Cartographer has them."""
+def canvas_of(slices: Iterable[tuple[Any, Slice]]) -> tuple[int, int, tuple[float, float]]:
+    """Return width, height and the map's origin from the upper left corner, pixels."""
+    # The bounds are float32, as Cartographer has them.
     corners = [
         product(np.array([(0, 0), (w, 0), (0, h), (w, h)]), scale.T) + shift
         for _, (w, h, scale, shift) in slices
@@ -418,7 +414,7 @@ def canvas_of(slices: Iterable[tuple[Any, Slice]]) -> Canvas:
     low = points.min(axis=0)
     width, height = np.ceil(points.max(axis=0) - low).astype(int) + 2 * _PADDING
     x, y = (np.float32(_PADDING) - low).tolist()
-    return Canvas(int(width), int(height), (x, y))
+    return int(width), int(height), (x, y)
 
 
 def paint(pixels: NDArray[np.uint8], texture: NDArray[np.uint32], place: Slice) -> None:
