@@ -349,12 +349,7 @@ class _Field(NamedTuple):
     name: str
     kind: str
     length: int | None  # None for a single value, 0 for a sequence of any length
-
-    @property
-    def size(self) -> int:
-        """Bytes of a single number; 0 for all other fields."""
-        is_number = self.length is None and self.kind in _FORMATS
-        return struct.calcsize(_FORMATS[self.kind]) if is_number else 0
+    size: int  # bytes of a single number; 0 for all other fields
 
 
 FieldGroups = Mapping[str, list[tuple[int, list[_Field], str]]]
@@ -413,7 +408,8 @@ def _fields_of(lines: str, package: str) -> list[_Field]:
             kind = _ROS1_NAMES.get(kind) or bags.normalised_type(full_name)
         is_fixed = match["array"] and match["length"] and not match["bound"]
         length = None if not match["array"] else int(match["length"]) if is_fixed else 0
-        fields.append(_Field(text[: match.end()].split()[1], kind, length))
+        size = struct.calcsize(_FORMATS[kind]) if length is None and kind in _FORMATS else 0
+        fields.append(_Field(text[: match.end()].split()[1], kind, length, size))
         if is_fixed:
             check_array_lengths([int(match["length"])])
     return fields

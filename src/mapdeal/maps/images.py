@@ -46,11 +46,6 @@ _WRITTEN_AT_ONCE = 1 << 20
 _TRAILING = 64
 
 
-def is_pnm(data: bytes) -> bool:
-    """Return whether `data` starts like a netpbm file, PFM and PAM included."""
-    return re.match(rb"P[1-7fF](\s|#)", data) is not None
-
-
 class PnmImage(OpenImage):
     # By the netpbm standard 1 is black in P1 and P4; the ROS 1 reader takes bits for grey levels.
     def __init__(self, file: OpenFile, limit: int = pictures.LARGEST_CELLS) -> None:
@@ -148,7 +143,7 @@ class PnmImage(OpenImage):
             rule = f"the pixels end early: expected {expected} bytes"
             raise file.error(rule, "pixels", got=actual)
         if actual > expected:
-            if is_pnm(file.read(start + expected, _TRAILING).lstrip()):
+            if re.match(PNM.signature, file.read(start + expected, _TRAILING).lstrip()):
                 raise file.error("holds more than one picture")
             text = f"{actual - expected} bytes after the picture were ignored"
             warn_of(file.path, text, "image.trailing-bytes")
@@ -282,9 +277,10 @@ def pnm_comments(head: bytes) -> list[str]:
 
 
 PNM = ImageFormat(
-    name="PNM", suffixes=(".pgm", ".pbm", ".ppm", ".pnm"), recognises=is_pnm, open=PnmImage,
-    max_cells=pictures.LARGEST_CELLS, comments=pnm_comments,
+    name="PNM", suffixes=(".pgm", ".pbm", ".ppm", ".pnm"), signature=rb"P[1-7fF](\s|#)",
+    open=PnmImage, max_cells=pictures.LARGEST_CELLS, comments=pnm_comments,
 )  # fmt: skip
+"""Netpbm images; those in the formats PFM and PAM are recognised and refused."""
 
 
 def write_pbm(file: BinaryIO, packed: NDArray[np.uint8], width: int) -> None:
@@ -578,27 +574,21 @@ def _silent_stderr() -> Iterator[None]:
             os.close(nowhere)
 
 
-def _format(name: str, suffixes: tuple[str, ...], *signatures: bytes) -> ImageFormat:
-    return ImageFormat(
-        name=name, suffixes=suffixes, recognises=lambda head: head.startswith(signatures),
-        open=partial(PillowImage, name),
-    )  # fmt: skip
-
-
 _FORMATS = (
     PNM,
-    _format("PNG", (".png",), b"\x89PNG\r\n\x1a\n"),
-    _format("BMP", (".bmp",), b"BM"),
+    ImageFormat("PNG", (".png",), rb"\x89PNG\r\n\x1a\n", partial(PillowImage, "PNG")),
+    ImageFormat("BMP", (".bmp",), b"BM", partial(PillowImage, "BMP")),
     # All signatures that Pillow opens: both byte orders, a swapped version number, and BigTIFF.
-    _format("TIFF", (".tif", ".tiff"), b"MM\0*", b"II*\0", b"MM*\0", b"II\0*", b"MM\0+", b"II+\0"),
-    _format("JPEG", (".jpg", ".jpeg"), b"\xff\xd8\xff"),
+    ImageFormat("TIFF", (".tif", ".tiff"), rb"(MM|II)(\0\*|\*\0)|MM\0\+|II\+\0",
+                partial(PillowImage, "TIFF")),
+    ImageFormat("JPEG", (".jpg", ".jpeg"), rb"\xff\xd8\xff", partial(PillowImage, "JPEG")),
 )  # fmt: skip
 IMAGE_FORMATS = {entry.name: entry for entry in _FORMATS}  # the formats that maps may have, by name
 IMAGE_SUFFIXES = tuple(suffix for entry in _FORMATS for suffix in entry.suffixes)
 
 
 def recognised_format(head: bytes) -> ImageFormat | None:
-    return next((entry for entry in IMAGE_FORMATS.values() if entry.recognises(head)), None)
+    return next((entry for entry in _FORMATS if re.match(entry.signature, head)), None)
 
 
 @contextmanager

@@ -268,7 +268,7 @@ class ImageFormat:
     # all other formats samples mean what `Picture` says.
     name: str
     suffixes: tuple[str, ...]
-    recognises: Callable[[bytes], bool]
+    signature: bytes  # regular expression of its first bytes
     open: Callable[[OpenFile, int], OpenImage]
     max_cells: int = LARGEST_COMPRESSED_CELLS
     comments: Callable[[bytes], list[str]] = lambda _: []
