@@ -307,7 +307,7 @@ def convert(
         _write_bag(transaction, output, grid, topic, frame_id)
         return GridResult(grid, source.stem)
     if isinstance(grid, DistanceField) and not output_format(output).can_hold(DistanceField):
-        grid, mode = field_view(grid), mode or ("raw" if output_format(output).has_mode else None)
+        grid, mode = field_view(grid), mode or ("raw" if output_format(output).images else None)
     if isinstance(grid, FieldView) and mode not in (None, "raw"):
         grid = grid.as_map()
     if isinstance(grid, OccupancyGrid) and mode == "trinary":

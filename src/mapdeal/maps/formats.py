@@ -41,7 +41,7 @@ def written_endings(kind: type) -> tuple[str, ...]:
 
 def or_other_formats(pairs: str) -> str:
     """Return a text on pairs, continued by the endings of the other formats of written maps."""
-    formats = [entry for entry in FORMATS if entry.write is not None and not entry.has_mode]
+    formats = [entry for entry in FORMATS if entry.write is not None and not entry.images]
     *more, last = (ending for entry in formats for ending in entry.endings)
     return f"{', '.join([pairs, *more])}, or {last}"
 

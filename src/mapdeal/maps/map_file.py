@@ -132,7 +132,7 @@ class MapFormat:
     grids: tuple[type[Any], ...] = ()  # kinds of grids that can be written
     write: Callable[..., None] | None = None  # (transaction, path, grid, **options of write_grid)
     paths: Callable[[Path], tuple[Path, ...]] = lambda path: (path,)
-    images: tuple[str, ...] = ()  # endings that commands for maps alone write, too
+    images: tuple[str, ...] = ()  # endings of images, whose pixels have one of several modes
     takes_resolution: bool = False
     yields_to_yaml: bool = False  # skipped in folders beside a map in YAML of the same name
     requests_rows: bool = False  # its writer requests rows, which other files then receive
@@ -141,11 +141,6 @@ class MapFormat:
     def sign(self) -> str:
         """Text for errors that no file of this format was found."""
         return f"{self.endings[0]} with the key image" if self.is_yaml else self.endings[0]
-
-    @property
-    def has_mode(self) -> bool:
-        """Whether values become pixels in one of several modes."""
-        return bool(self.images)
 
     def holds_map(self, path: Path) -> bool:
         """Return whether a file with one of the endings is a map, possibly a broken one."""

@@ -139,7 +139,7 @@ def write_grid(
     """Write a grid in the format of the output's ending; fields and `more` layers need an npz."""
     # An image is `painted`, if the grid has been read from that.
     map_format = output_format(output)
-    if mode is not None and not map_format.has_mode:
+    if mode is not None and not map_format.images:
         raise ParameterError(f"an {output.suffix[1:]} has no mode", place="mode", got=mode)
     if not map_format.can_hold(type(grid)) or map_format.write is None:
         raise ParameterError(f"a {grid.kind} is written as npz", source=output)

@@ -367,7 +367,7 @@ def write_product(
         text = spread_json(reach_document(grid), "goals", "passages")
         transaction.write_bytes(output, f"{text}\n".encode())
     elif isinstance(grid, DistanceField) and not output_format(output).can_hold(DistanceField):
-        mode: Mode | None = "raw" if output_format(output).has_mode else None
+        mode: Mode | None = "raw" if output_format(output).images else None
         reading.write_grid(transaction, output, step.view_of(grid), mode=mode)
     else:
         written = pass_grid if output_format(output).requests_rows else grid
