@@ -10,7 +10,7 @@ from files.large_files import GRIDS, IMAGES, OTHER_READERS
 from mapdeal import read_bit_map, read_cloud, read_map
 from mapdeal.errors import MalformedInputError
 from mapdeal.files import source as budget
-from mapdeal.files.source import check_expansion, claim, holding, memory_limit, use_memory
+from mapdeal.files.source import check_expansion, claim, current_budget, holding, use_memory
 
 MB = 1_000_000
 
@@ -57,12 +57,12 @@ def test_the_default_is_half_of_what_is_free_and_worked_out_once(free):
     with use_memory(None):
         free(10_000 * MB)
         with use_memory(None):
-            assert memory_limit()[0] == 500 * MB
+            assert current_budget().limit == 500 * MB
         with use_memory(None, anew=True):
-            assert memory_limit()[0] == 5000 * MB
+            assert current_budget().limit == 5000 * MB
         with use_memory(7 * MB):
-            assert memory_limit() == (7 * MB, "")
-        assert memory_limit()[0] == 500 * MB
+            assert (current_budget().limit, current_budget().origin) == (7 * MB, "")
+        assert current_budget().limit == 500 * MB
 
 
 def is_allowed(stored, expanded):
@@ -124,7 +124,7 @@ from pathlib import Path
 from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin, TiffImagePlugin
 from mapdeal import read_cloud, read_map
 from mapdeal.checks.lint import lint_file
-from mapdeal.files.source import _budget
+from mapdeal.files.source import current_budget
 from mapdeal.sensors.clouds import cloud_chunks
 from mapdeal.sensors.points import read_poses
 from mapdeal.sensors.scans import open_log
@@ -133,7 +133,7 @@ warnings.simplefilter("ignore")
 claims = [0]
 for module in list(sys.modules.values()):
     if module.__name__.startswith("mapdeal.") and hasattr(module, "claim"):
-        module.claim = lambda path, count, **_: claims.append(count + _budget().used)
+        module.claim = lambda path, count, **_: claims.append(count + current_budget().used)
 
 def peak():
     status = Path("/proc/self/status").read_text()

@@ -328,14 +328,14 @@ _SMALL = 256_000_000
 
 
 @dataclass(frozen=True)
-class _Budget:
-    limit: int | None
-    origin: str = ""
+class Budget:
+    limit: int | None  # bytes; None for unlimited
+    origin: str = ""  # of the limit, for messages; empty if it was chosen
     used: int = 0
 
 
 SHARE_OF_JOB = " (by default this job's share of the memory)"  # it could use more if it ran alone
-_current: ContextVar[_Budget | None] = ContextVar("budget", default=None)
+_current: ContextVar[Budget | None] = ContextVar("budget", default=None)
 
 
 def default_limit(jobs: int = 1) -> int | None:
@@ -349,30 +349,24 @@ def use_memory(
 ) -> AbstractContextManager[None]:
     """Limit the memory of readers within a ``with`` block; None leaves the limit unchanged."""
     if limit is not None:
-        return set_within(_current, _Budget(limit, "" if is_chosen else SHARE_OF_JOB))
-    return set_within(_current, _budget(anew=anew))
+        return set_within(_current, Budget(limit, "" if is_chosen else SHARE_OF_JOB))
+    return set_within(_current, current_budget(anew=anew))
 
 
-def _budget(*, anew: bool = False) -> _Budget:
+def current_budget(*, anew: bool = False) -> Budget:
     current = None if anew else _current.get()
-    return current or _Budget(default_limit(), " (by default half of what is free now)")
+    return current or Budget(default_limit(), " (by default half of what is free now)")
 
 
 def holding(count: int) -> AbstractContextManager[None]:
     # A negative count cancels claims of readers whose results do not stay in memory.
-    budget = _budget()
+    budget = current_budget()
     return set_within(_current, replace(budget, used=budget.used + count))
-
-
-def memory_limit() -> tuple[int | None, str]:
-    """Return the limit in bytes, None for unlimited, and its origin for messages."""
-    budget = _budget()
-    return budget.limit, budget.origin
 
 
 def room() -> int | None:
     """Return the most bytes that `claim` grants now; None for unlimited."""
-    budget = _budget()
+    budget = current_budget()
     used = INTERPRETER + budget.used
     return None if budget.limit is None else max(budget.limit - used, _LITTLE)
 
@@ -380,7 +374,7 @@ def room() -> int | None:
 def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> None:
     if count <= _LITTLE:  # without a look at the system's memory, which takes longer
         return
-    available, budget = room(), _budget()
+    available, budget = room(), current_budget()
     if available is None or budget.limit is None or count <= available:
         return
     size = size_text(INTERPRETER + budget.used + count)
@@ -411,7 +405,7 @@ def most_expanded(stored: int) -> int:
     available, by_rule = room(), max(_HARMLESS, MOST_EXPANSION * stored)
     if available is None:
         return by_rule
-    return min(by_rule, available // 2) if _budget().origin else available // 2
+    return min(by_rule, available // 2) if current_budget().origin else available // 2
 
 
 def check_expansion(
@@ -420,7 +414,7 @@ def check_expansion(
 ) -> None:  # fmt: skip
     if expanded <= max(_HARMLESS, most * stored):
         return
-    budget = _budget()
+    budget = current_budget()
     if budget.limit is not None and not budget.origin and not on_disk:  # the limit was chosen
         return
     rule = f"{stored} bytes would expand to {expanded}, more than {most} times as many"

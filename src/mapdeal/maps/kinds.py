@@ -413,7 +413,7 @@ def save_npz(chunks: Iterable[bytes], folder: Path) -> Path:
             head += chunk[: max(_HEAD_OF_STREAM - len(head), 0)]
             if len(head) >= _HEAD_OF_STREAM and not head.startswith(_ZIP):
                 break
-            if source.memory_limit()[0] is not None:
+            if source.current_budget().limit is not None:
                 source.claim(STDIN, length)
             elif length > source.LONGEST_STREAM:
                 rule = f"must not be larger than {source.LONGEST_STREAM} bytes"

@@ -114,7 +114,7 @@ def opened_map(
 
 
 def _read(file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: Canvas) -> Source:
-    limit, _ = sources.memory_limit()
+    limit = sources.current_budget().limit
     budget = _NO_LIMIT if limit is None else limit
     plan = _plan_memory(file, file.shape(), steps, budget, image_max, canvas)
     if plan.blocks is not None and file.shape_by_rows is not None:
@@ -257,9 +257,10 @@ def _block_plan(
 
 def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
     height, width = shape
-    limit, origin = sources.memory_limit()
+    allowed = sources.current_budget()
     amounts = f"{sources.size_text(needed)} of memory, {sources.size_text(budget)} may be used"
-    rule = f"{width} x {height} cells need {amounts}{origin if budget == limit else ''}"
+    origin = allowed.origin if budget == allowed.limit else ""
+    rule = f"{width} x {height} cells need {amounts}{origin}"
     hint = "raise --max-memory if there is more; binary .pgm maps take least"
     return MalformedInputError(rule, source=path, hint=hint)
 
