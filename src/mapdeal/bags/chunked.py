@@ -194,10 +194,6 @@ class ChunkedBag(Bag):
         if self._chunks:
             self._chunks[-1].is_indexed = False
 
-    def _note_chunk(self, chunk: _Chunk) -> None:
-        self._note_memory(self._CHUNK_BYTES)
-        self._chunks.append(chunk)
-
     def _note_loose(self, connection: int, time: int, position: int) -> None:
         self._note_memory(self._LOOSE_BYTES)
         self._loose.extend((connection, time, _OUTSIDE, position))
@@ -291,7 +287,8 @@ class Ros1Bag(ChunkedBag):
             compression = fields.get(b"compression", b"").decode("latin-1")
             available = min(length, self._size - start)
             size = _number(fields, b"size")
-            self._note_chunk(_Chunk(compression, size, start, available, is_cut=is_cut))
+            self._note_memory(self._CHUNK_BYTES)
+            self._chunks.append(_Chunk(compression, size, start, available, is_cut=is_cut))
         if is_cut:
             raise _CutError(f"a record of {length} bytes at byte {position}")
         if op == _ROS1_BAG and fields.get(b"encryptor", b""):
@@ -466,7 +463,8 @@ class McapBag(ChunkedBag):
         if is_complete:
             first, stored = start + 40 + name_length, min(stored, available)
             chunk = _Chunk(name.decode("latin-1"), size, first, stored, crc, is_cut=is_cut)
-            self._note_chunk(chunk)
+            self._note_memory(self._CHUNK_BYTES)
+            self._chunks.append(chunk)
 
     def _note(self, opcode: int, data: bytes) -> None:
         if len(data) > _LONGEST_RECORD:

@@ -19,8 +19,7 @@ from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_text
-from mapdeal.kernels import arrays
-from mapdeal.kernels.outlines import MOST_TOLERANCE, corner_count, rectangles, run_count, surface
+from mapdeal.kernels import arrays, outlines
 from mapdeal.maps import exports, kinds, map_file
 from mapdeal.maps.dialects import Mode
 from mapdeal.maps.formats import or_other_formats, output_format
@@ -85,7 +84,7 @@ def convert_area(
         The robot's shape.
     """
     grid = as_occupancy(read.grid, source)
-    most = MOST_TOLERANCE * grid.resolution
+    most = outlines.MOST_TOLERANCE * grid.resolution
     tolerance = most if tolerance is None else tolerance
     if tolerance > most * (1 + 1e-9):
         rule = f"must be at most half a cell, {most:g} m, beyond which outlines might cross"
@@ -108,9 +107,10 @@ def convert_area(
         areas.append(("free", values == FREE, exports.FREE_FILL))
     if has_all or of == "obstacles":
         areas.append(("obstacles", values == OCCUPIED, exports.WALL_FILL))
-    corners = sum(corner_count(cells) for _, cells, _ in areas)
+    corners = sum(outlines.corner_count(cells) for _, cells, _ in areas)
     inputs.claim_work(source, grid, _PER_CELL, besides=_OUTLINE_LIBRARIES + _PER_CORNER * corners)
-    layers = [(exports.outlines_of(cells, grid.frame, tolerance, name), fill)
+    most_cells = tolerance / grid.resolution
+    layers = [(exports.Outlines(outlines.outlines(cells, most_cells), grid.frame, name), fill)
               for name, cells, fill in areas]  # fmt: skip
     shown = layers[0][0]
     if not len(shown.polygons):
@@ -150,20 +150,20 @@ def convert_world(
         walls |= values == UNKNOWN
     if not (count := int(np.count_nonzero(walls))):
         raise MalformedInputError("has no occupied cell: there are no walls", source=source)
-    besides = _OUTLINE_LIBRARIES + _PER_RUN * run_count(walls)
+    besides = _OUTLINE_LIBRARIES + _PER_RUN * outlines.run_count(walls)
     inputs.claim_work(source, grid, _PER_CELL, besides=besides)
     volume = count * grid.resolution**2 * wall_height
     figures: dict[str, Any] = {"file": str(output), "cells": count}
     figures |= {"volume_m3": volume, "wall_height": wall_height}
     if output.suffix.lower() == ".sdf":
-        boxes = rectangles(walls)
+        boxes = outlines.rectangles(walls)
         figures["boxes"] = len(boxes.first_row)
         parts = exports.sdf_parts(boxes, grid.frame, wall_height, source.stem)
         text = "1 box" if figures["boxes"] == 1 else f"{figures['boxes']} boxes"
         if figures["boxes"] > _MANY_BOXES:
             text += ", which simulators load slowly; as .stl or .obj it is one mesh"
     else:
-        mesh = exports.mesh_of(surface(walls), grid.frame, wall_height)
+        mesh = exports.mesh_of(outlines.surface(walls), grid.frame, wall_height)
         figures["triangles"] = len(mesh.triangles)
         if output.suffix.lower() == ".stl":
             parts = exports.stl_parts(mesh, source, grid.resolution)

@@ -27,8 +27,8 @@ import numpy as np
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.files.text import decimal_without_zeros
 from mapdeal.grid.frame import Frame
-from mapdeal.kernels.arrays import Floats, Integers, Mask
-from mapdeal.kernels.outlines import Polygons, Rectangles, Surface, outlines
+from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.outlines import Polygons, Rectangles, Surface
 from mapdeal.records import dataclass
 
 Area = Literal["free", "obstacles"]
@@ -69,11 +69,6 @@ class Outlines:  # of the areas of a set of cells
             points = iter(transform(rounded).tolist())
             rings = [list(islice(points, end - start)) for start, end in pairwise(corner_bounds)]
             yield [rings[start - first_ring : end - first_ring] for start, end in pairwise(bounds)]
-
-
-def outlines_of(cells: Mask, frame: Frame, tolerance: float, name: str) -> Outlines:
-    """Return the polygons around cells, simplified by at most a tolerance in metres."""
-    return Outlines(outlines(cells, tolerance / frame.resolution), frame, name)
 
 
 def geojson_parts(layer: Outlines) -> Iterator[bytes]:

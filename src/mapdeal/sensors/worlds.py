@@ -441,19 +441,15 @@ class _Reader:
         triangles, count = np.concatenate([part for part, _ in parts]), len(np.unique(solids))
         if not np.abs(triangles).max() <= FARTHEST:  # refuses nan too
             raise MalformedInputError(f"must lie within {FARTHEST:g} m")
-        triangles = _turned_outside(triangles, solids)
+        # closed solids that are inside out are turned
+        a, b, c = (triangles - triangles.mean(axis=(0, 1))).transpose(1, 0, 2)
+        areas = np.cross(b - a, c - a)
+        lengths = np.bincount(solids, np.sqrt((areas**2).sum(axis=1)))
+        sums = np.stack([np.bincount(solids, areas[:, axis]) for axis in range(3)])
+        is_closed = np.abs(sums).max(axis=0) <= _CLOSED * lengths
+        is_inverted = (is_closed & (np.bincount(solids, (a * areas).sum(axis=1)) < 0))[solids]
+        triangles = np.where(is_inverted[:, np.newaxis, np.newaxis], triangles[:, ::-1], triangles)
         return World(triangles, solids, tuple(self.files), count, self.moving)
-
-
-def _turned_outside(triangles: Floats, solids: Integers) -> Floats:
-    """Turn the triangles of closed solids that are inside out."""
-    a, b, c = (triangles - triangles.mean(axis=(0, 1))).transpose(1, 0, 2)
-    areas = np.cross(b - a, c - a)
-    lengths = np.bincount(solids, np.sqrt((areas**2).sum(axis=1)))
-    sums = np.stack([np.bincount(solids, areas[:, axis]) for axis in range(3)])
-    is_closed = np.abs(sums).max(axis=0) <= _CLOSED * lengths
-    turned = (is_closed & (np.bincount(solids, (a * areas).sum(axis=1)) < 0))[solids]
-    return np.where(turned[:, np.newaxis, np.newaxis], triangles[:, ::-1], triangles)
 
 
 def _placed(move: Floats, angles: Floats) -> Floats:
