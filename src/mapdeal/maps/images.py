@@ -43,6 +43,7 @@ _MOST_DIGITS = 9
 _TEXT_AT_ONCE = 1 << 18
 _LONGEST_HEADER = 1 << 16
 _WRITTEN_AT_ONCE = 1 << 20
+_PIXELS_AT_ONCE = 1 << 22
 _TRAILING = 64
 
 
@@ -79,7 +80,8 @@ class PnmImage(OpenImage):
         samples = self._plain_samples(data)
         if self._is_bits:
             samples = np.where(samples, np.uint8(0), np.uint8(255))
-        return pictures.strips_of(self._picture_of(samples))
+        picture = self._picture_of(samples)
+        return Strips(picture.shape, lambda: picture.bands(_PIXELS_AT_ONCE))
 
     def bits(self) -> NDArray[np.uint8]:
         """Return the bits of a P1 or P4 file, packed, row 0 in the north."""

@@ -211,7 +211,6 @@ def opened(path: Path) -> Iterator[OpenFile]:
 
 
 STRIP = 1 << 20  # bytes of the pixels in a strip, about: they stay in the processor's cache
-_PIXELS_AT_ONCE = 1 << 22
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,11 +271,6 @@ class ImageFormat:
     open: Callable[[OpenFile, int], OpenImage]
     max_cells: int = LARGEST_COMPRESSED_CELLS
     comments: Callable[[bytes], list[str]] = lambda _: []
-
-
-def strips_of(picture: Picture) -> Strips:
-    """Return the strips of a picture in memory, which are views of it."""
-    return Strips(picture.shape, lambda: picture.bands(_PIXELS_AT_ONCE))
 
 
 def strips_at_places(
