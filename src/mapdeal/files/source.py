@@ -67,10 +67,9 @@ def status_of(path: Path) -> os.stat_result:
 
 
 def _status_or_none(path: Path) -> os.stat_result | None:
-    try:
+    with suppress(FileAccessError):
         return status_of(path)
-    except FileAccessError:
-        return None
+    return None
 
 
 def exists(path: Path) -> bool:

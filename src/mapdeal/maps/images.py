@@ -90,7 +90,7 @@ class PnmImage(OpenImage):
         sources.note_sum(file.path, file.sha256)
         if not self._is_bits:
             raise file.error("must be a bit map, P1 or P4", "header", got=f"P{self._magic}")
-        self.check_limit()
+        pictures.check_size(file.path, self.width, self.height, self._limit)
         self._claim(self._memory_of_text())
         if self._is_text:
             return np.packbits(self._plain_samples(data), axis=1)

@@ -240,11 +240,8 @@ class OpenImage(ABC):
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns; more cells than the limit are refused."""
-        self.check_limit()
-        return self.height, self.width
-
-    def check_limit(self) -> None:
         check_size(self.file.path, self.width, self.height, self._limit)
+        return self.height, self.width
 
     @abstractmethod
     def memory(self) -> int:
@@ -256,7 +253,7 @@ class OpenImage(ABC):
     @contextmanager
     def strips(self) -> Iterator[Strips]:
         self.file.check_length()  # the checksum below reads all of it
-        self.check_limit()
+        check_size(self.file.path, self.width, self.height, self._limit)
         yield self._decoded()
         sources.note_sum(self.file.path, self.file.sha256)
 
