@@ -194,10 +194,6 @@ class ChunkedBag(Bag):
         if self._chunks:
             self._chunks[-1].is_indexed = False
 
-    def _note_loose(self, connection: int, time: int, position: int) -> None:
-        self._note_memory(self._LOOSE_BYTES)
-        self._loose.extend((connection, time, _OUTSIDE, position))
-
     def _note_index(self, connection: int, start: int, count: int) -> None:
         self._note_memory(self._ENTRY_BYTES)
         self._chunks[-1].entries.append((connection, start, count))
@@ -296,7 +292,8 @@ class Ros1Bag(ChunkedBag):
         if op == _ROS1_CONNECTION:
             self._note_connection(fields, self._read(length))
         elif op == _ROS1_MESSAGE:
-            self._note_loose(_number(fields, b"conn"), _time(fields), position)
+            self._note_memory(self._LOOSE_BYTES)
+            self._loose.extend((_number(fields, b"conn"), _time(fields), _OUTSIDE, position))
         elif op == _ROS1_CHUNK_INFO:
             self._has_summary = True
         return end
@@ -448,7 +445,8 @@ class McapBag(ChunkedBag):
             self._note_index(channel, start + 6, size // self._ENTRY.itemsize)
         elif opcode == _MESSAGE and length >= _BEFORE_DATA:
             channel, _, time = struct.unpack("<HIQ", self._read(14))
-            self._note_loose(channel, min(time, _LATEST), position)
+            self._note_memory(self._LOOSE_BYTES)
+            self._loose.extend((channel, min(time, _LATEST), _OUTSIDE, position))
 
     def _add_chunk(self, start: int, length: int, *, is_cut: bool = False) -> None:
         head = self._file.read(min(length, 32))

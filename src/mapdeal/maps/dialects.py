@@ -166,9 +166,8 @@ def _threshold(entries: dict[str, Entry], key: str, default: float) -> float:
 
 
 def _negate(path: Path, entries: dict[str, Entry], dialect: Dialect) -> bool:
-    if "negate" not in entries:
+    if (entry := entries.get("negate")) is None:
         return False
-    entry = entries["negate"]
     word = entry.text().lower()
     if word not in (*_NO, *_YES) or (getattr(entry.node, "style", None) and not word.isdigit()):
         raise entry.error("must be 0 or 1")
@@ -180,14 +179,13 @@ def _negate(path: Path, entries: dict[str, Entry], dialect: Dialect) -> bool:
 
 
 def _mode(path: Path, entries: dict[str, Entry], dialect: Dialect) -> Mode:
-    if "mode" not in entries:
+    if (entry := entries.get("mode")) is None:
         if not (legacy := [key for key in _LEGACY_MODES if key in entries]):
             return "trinary"
         text = "old key; its meaning is written mode: trinary, scale or raw"
         warn_of(path, f"{legacy[0]}: {text}", "yaml.legacy-mode")
         chosen = [key for key in legacy if entries[key].text().lower() in ("true", "1")]
         return chosen[0] if chosen else "trinary"  # type: ignore[return-value]
-    entry = entries["mode"]
     text = entry.text()
     if text.lower() not in get_args(Mode):
         raise entry.error("must be trinary, scale or raw")
