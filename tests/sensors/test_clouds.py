@@ -144,7 +144,7 @@ def test_points_of_every_kind_of_file(read, name, data, points):
 
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_large_arrays_are_read_some_rows_at_a_time(tmp_path, monkeypatch, order):
-    monkeypatch.setattr(arrays, "_ARRAYS_BYTES_TOGETHER", 100)
+    monkeypatch.setattr(arrays, "_BYTES_TOGETHER", 100)
     table = np.asarray(np.arange(70.0).reshape(10, 7), order=order)
     np.save(tmp_path / "c.npy", table)
     np.testing.assert_array_equal(read_cloud(tmp_path / "c.npy"), table[:, :3])

@@ -308,10 +308,9 @@ def free_memory(
 
 
 def _text(path: Path) -> str:
-    try:
+    with suppress(OSError, UnicodeDecodeError):  # systems without this file
         return path.read_text()
-    except (OSError, UnicodeDecodeError):  # systems without this file
-        return ""
+    return ""
 
 
 MOST_EXPANSION = 1000  # largest ratio of expanded to compressed size

@@ -379,10 +379,9 @@ def image_places(folder: Path, image: str) -> list[Path]:
 
 
 def _expanded(image: str) -> str:
-    try:
+    with suppress(ValueError):
         return os.path.expanduser(image) if image.startswith("~") else image  # noqa: PTH111
-    except ValueError:
-        return image
+    return image
 
 
 def _nearest_name(path: Path) -> str | None:

@@ -109,7 +109,6 @@ def _whole_number(text: str, place: str, *, most: int = _MOST_POINTS) -> int:
 
 _MOST_ELEMENTS = 1 << 31
 _MOST_LIKELY = 16
-_ARRAYS_BYTES_TOGETHER = 1 << 23
 _KEY = "points"
 
 
@@ -149,7 +148,7 @@ def _npy_points(file: BinaryIO, path: Path) -> Iterator[Floats]:
         return np.frombuffer(data, dtype)
 
     row_size = dtype.itemsize * (1 if is_fortran else width)
-    part_size = max(1, min(_POINTS_TOGETHER, _ARRAYS_BYTES_TOGETHER // row_size))
+    part_size = max(1, min(_POINTS_TOGETHER, _BYTES_TOGETHER // row_size))
     for first in range(0, height, part_size):
         count = min(part_size, height - first)
         if are_records:
