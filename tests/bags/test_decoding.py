@@ -1,7 +1,5 @@
 """Messages decoded by their definitions, compared with rosbags."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -69,9 +67,8 @@ def check(decoded, expected):
         assert (type(decoded), decoded) == (type(expected), expected)
 
 
-def decoder_of(text, is_ros1):
-    name = "pkg/msg/Root"
-    return partial(decoded, name=name, types=types_in(name, text), is_ros1=is_ros1)
+def decoder_of(text, is_ros1, name="pkg/msg/Root"):
+    return lambda data: decoded(data, name, types_in(name, text), is_ros1=is_ros1)
 
 
 @given(st.data(), st.booleans())

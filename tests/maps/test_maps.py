@@ -296,8 +296,7 @@ def test_the_tightest_group_of_processes_limits_memory(tmp_path, available, grou
 
 @pytest.mark.parametrize("size", [0, 1, 1000, HEAD - 1, HEAD, HEAD + 1, 2 * HEAD + 5])
 def test_any_bytes_are_those_of_the_file(tmp_path, size):
-    data = os.urandom(size)
-    (tmp_path / "a").write_bytes(data)
+    (tmp_path / "a").write_bytes(data := os.urandom(size))
     with opened(tmp_path / "a") as file:
         assert file.head == data[:HEAD]
         for offset, count in [

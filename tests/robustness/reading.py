@@ -213,10 +213,9 @@ def read_reached(path, data):
 
 
 def read_evidence_layers(path, data):
-    grid = mapdeal.read_map(path)
-    _check_grid(grid)
     with open_map(path) as file:
-        found = file.evidence()
+        grid, found = file.read().grid, file.evidence()
+    _check_grid(grid)
     try:
         layers = chosen_layers(found, grid.shape)
     except mapdeal.ParameterError as error:
