@@ -21,8 +21,9 @@ OURS = {
 }  # fmt: skip
 """Matched against docstrings of the project alone."""
 
-ASSEMBLED = {"pipeline/batch.py": r"(?<![\w./-])/some/folder/"}
-"""Examples of patterns that are put together, by file."""
+ASSEMBLED = {"pipeline/batch.py": r"(?<![\w./-])/some/folder/",
+             "maps/images.py": r"(MM|II)(\0\*|\*\0)|MM\0\+|II\+\0"}  # fmt: skip
+"""Examples of patterns that are put together or stored in attributes, by file."""
 
 LENGTH = 100_000
 LIMIT = 60  # seconds for all tries of a pattern, which take far less, or far more if quadratic
