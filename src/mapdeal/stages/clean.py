@@ -7,15 +7,13 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from mapdeal.command import AT_LEAST_0, CELLS, stage
-from mapdeal.errors import ParameterError, emit_warning
+from mapdeal import command, errors, records
 from mapdeal.grid.field import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
 from mapdeal.kernels.arrays import Mask, SignedBytes
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.distance import beside, dilate_square
-from mapdeal.records import dataclass, field
 
 _ANY_SIZE = 1 << 62  # more cells than a map can have
 
@@ -28,7 +26,7 @@ class Patches(NamedTuple):
         return f"{self.components} ({count_text(self.cells, 'cell')})"
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class CleanCounts:
     """Changes made by each step of `clean`, in the order of the steps."""
 
@@ -42,7 +40,7 @@ class CleanCounts:
         return {name: value for name, value in vars(self).items() if name != "changed"}
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class Cleaned(OneLineRepr):
     """Result of `clean`: a map without its small components, and the changes made.
 
@@ -58,7 +56,7 @@ class Cleaned(OneLineRepr):
 
     grid: OccupancyGrid
     counts: CleanCounts
-    limits: Mapping[str, int] = field(default_factory=dict)
+    limits: Mapping[str, int] = records.field(default_factory=dict)
 
     def document(self) -> dict[str, object]:
         """Return limits and counts as values that JSON can represent."""
@@ -81,7 +79,7 @@ class Cleaned(OneLineRepr):
 
 # In maps of real robots at 5 cm, most specks of noise have one or two cells, most holes between
 # beams fewer than ten, and most islands behind walls and windows fewer than a hundred.
-@stage(
+@command.stage(
     name="clean",
     group="Changing a map",
     example="""\
@@ -101,9 +99,9 @@ mapdeal clean examples/maps/office_cartographer.yaml -o out/clean.yaml \\
 def clean(
     grid: OccupancyGrid,
     *,
-    min_obstacle: Annotated[int, AT_LEAST_0, CELLS] = 3,
-    min_hole: Annotated[int, AT_LEAST_0, CELLS] = 10,
-    min_free: Annotated[int, AT_LEAST_0, CELLS] = 100,
+    min_obstacle: Annotated[int, command.AT_LEAST_0, command.CELLS] = 3,
+    min_hole: Annotated[int, command.AT_LEAST_0, command.CELLS] = 10,
+    min_free: Annotated[int, command.AT_LEAST_0, command.CELLS] = 100,
 ) -> Cleaned:
     """Remove the small components of a map: specks, pinholes and islands of free space.
 
@@ -158,7 +156,7 @@ def clean(
     if not isinstance(grid, OccupancyGrid) or isinstance(grid, FieldView):
         rule = "takes a map with free, occupied and unknown cells"
         hint = "clean the map first, then compute costs or distances from it"
-        raise ParameterError(rule, place="clean", got=type(grid).__name__, hint=hint)
+        raise errors.ParameterError(rule, place="clean", got=type(grid).__name__, hint=hint)
     limits = {"min_obstacle": min_obstacle, "min_hole": min_hole, "min_free": min_free}
     least_obstacle, least_hole, least_free = (min(limit, _ANY_SIZE) for limit in limits.values())
     before = np.asarray(grid.occupancy)
@@ -171,7 +169,7 @@ def clean(
     if not changed:
         between = int(np.count_nonzero(_between(before)))
         note = f"; {count_text(between, 'cell')} of 1..99 stay as they are" if between else ""
-        emit_warning(f"clean: nothing has changed{note}")
+        errors.emit_warning(f"clean: nothing has changed{note}")
     counts = CleanCounts(free_holes, islands, wall_holes, specks, changed)
     return Cleaned(grid.with_values(values), counts, limits)
 

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import P, Parameters, R, remark_on_obstacles, stage
-from mapdeal.errors import ParameterError, emit_warning
+from mapdeal import command, errors
+from mapdeal.grid import frame as frames, values
 from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
 from mapdeal.grid.field import DistanceField, FieldView
-from mapdeal.grid.frame import Figures, Frame
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, INSCRIBED_PUBLISHED, LETHAL_OBSTACLE
 from mapdeal.kernels.blocks import made_by_rows, swept
 from mapdeal.layers.keepout import MaskCosts, cells_at_centres
 
@@ -23,27 +21,27 @@ ObstacleSource = OccupancyGrid | DistanceField
 
 
 def cost_model(
-    name: str, *, advice: Callable[[Parameters, int], str], when_closed: str, **more: Any
-) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    name: str, *, advice: Callable[[command.Parameters, int], str], when_closed: str, **more: Any
+) -> Callable[[Callable[command.P, command.R]], Callable[command.P, command.R]]:
     # `advice` returns which parameters to change, given the most common cost.
 
-    def remark(parameters: Parameters, figures: Figures) -> str | None:
+    def remark(parameters: command.Parameters, figures: frames.Figures) -> str | None:
         common = figures["most_common"]
         if common is None:
             if figures["unknown"] == figures["width"] * figures["height"]:
                 return "every cell is unknown"
             return f"every known cell is lethal or inscribed: {when_closed}"
-        no_obstacle = remark_on_obstacles(parameters, figures)
+        no_obstacle = command.remark_on_obstacles(parameters, figures)
         if common["share"] <= UNIFORM_SHARE:
             return no_obstacle
         cost, cells = common["cost"], f"{100 * common['share']:.4g} % of the open cells"
         if no_obstacle:
             return f"{cells} cost {cost}: {no_obstacle}"
-        if figures["cost_scale"] == "occupancy" and cost < INSCRIBED_PUBLISHED:
-            cells += f" (below {INSCRIBED_PUBLISHED})"
+        if figures["cost_scale"] == "occupancy" and cost < values.INSCRIBED_PUBLISHED:
+            cells += f" (below {values.INSCRIBED_PUBLISHED})"
         return f"{cells} cost {cost}: {advice(parameters, cost)}"
 
-    return stage(
+    return command.stage(
         name="cost",
         group="Maps, distance fields, costmaps",
         example="""\
@@ -65,22 +63,22 @@ def check_lethal_threshold(source: ObstacleSource, lethal_threshold: int | None)
     if isinstance(source, DistanceField):
         if lethal_threshold not in (None, source.lethal_threshold):
             rule = f"the distance field was made with {source.lethal_threshold}"
-            raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
+            raise errors.ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
         return source.lethal_threshold
-    return DEFAULT_LETHAL_THRESHOLD if lethal_threshold is None else lethal_threshold
+    return values.DEFAULT_LETHAL_THRESHOLD if lethal_threshold is None else lethal_threshold
 
 
 def refuse_view(source: ObstacleSource) -> None:
     if isinstance(source, FieldView):
         hint = "only costs of model threshold are made of it; take the map or the npz of the field"
-        raise ParameterError("is the 0..100 view of a distance field, not a map", hint=hint)
+        raise errors.ParameterError("is the 0..100 view of a distance field, not a map", hint=hint)
 
 
 def warn_of_strength(source: ObstacleSource, model: str) -> None:
     if isinstance(source, DistanceField) and source.strength != 1:
         text = f"cost: model {model} takes no account of the field's strength"
         text += f", {source.strength:g}; views and model threshold do"
-        emit_warning(text)
+        errors.emit_warning(text)
 
 
 def obstacles_of(source: ObstacleSource, lethal_threshold: int | None) -> NDArray[np.bool_]:
@@ -142,7 +140,7 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
     return costmap.with_values(layer)
 
 
-def closed_by(mask: OccupancyGrid, frame: Frame) -> NDArray[np.bool_]:
+def closed_by(mask: OccupancyGrid, frame: frames.Frame) -> NDArray[np.bool_]:
     """Return the cells of a frame in which a keepout mask is 100, shape (H, W)."""
     nothing = Costmap(np.zeros(frame.shape, dtype=np.uint8), frame.resolution, frame.origin)
-    return np.asarray(apply_keepout_mask(nothing, mask).cost == LETHAL_OBSTACLE)
+    return np.asarray(apply_keepout_mask(nothing, mask).cost == values.LETHAL_OBSTACLE)

@@ -6,19 +6,14 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from mapdeal import command
-from mapdeal.errors import ParameterError
-from mapdeal.grid import values as map_values
+from mapdeal import command, errors, records
+from mapdeal.grid import frame, values as map_values
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.frame import Framed, as_float32
-from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.arrays import Bytes
 from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
-from mapdeal.layers import inflation as inflation_layer
-from mapdeal.layers.stack import CostmapLayers
-from mapdeal.records import fields
+from mapdeal.layers import inflation as inflation_layer, stack
 from mapdeal.stages.cost import ObstacleSource, check_lethal_threshold, cost_model, warn_of_strength
 from mapdeal.stages.esdf import LARGER_MAX_DISTANCE, bytes_in, furthest_kept
 
@@ -27,12 +22,12 @@ _RADII = ("inscribed_radius", "circumscribed_radius")
 
 
 def layer_of(parameters: command.Parameters) -> inflation_layer.InflationLayer:
-    names = (field.name for field in fields(inflation_layer.InflationLayer))
+    names = (field.name for field in records.fields(inflation_layer.InflationLayer))
     settings = {name: parameters[name] for name in names if name in parameters}
     return inflation_layer.InflationLayer(**settings)
 
 
-def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
+def _parameters_from_layers(layers: stack.CostmapLayers) -> dict[str, object] | None:
     found = layers.static_and_inflation
     if found is None or layers.area is not None or layers.footprint is not None:
         return None
@@ -66,7 +61,7 @@ def _derived(parameters: command.Parameters) -> dict[str, Any]:
     return {"float32_resolution": _resolution_is_float32(lookup, requested)}
 
 
-def _curve(source: Framed, parameters: command.Parameters) -> CostCurve:
+def _curve(source: frame.Framed, parameters: command.Parameters) -> CostCurve:
     radius = parameters["circumscribed_radius"]
     return inflation_layer.inflation_curve(
         [layer_of(parameters)], source.resolution, circumscribed_radius=radius,
@@ -189,7 +184,7 @@ def exponential_cost(
     )  # fmt: skip
     inflation_layer.warn_of_radii(layer)
     is_float32 = _resolution_is_float32(lookup, float32_resolution)
-    cell_size = as_float32(source.resolution) if is_float32 else source.resolution
+    cell_size = frame.as_float32(source.resolution) if is_float32 else source.resolution
     is_tolerant = not is_float32
     profile = inflation_layer.CostProfile(layer, source.shape, cell_size, is_tolerant=is_tolerant)
     table = map_values.static_layer_cost_from_occupancy(
@@ -222,7 +217,7 @@ def base_costs(source: ObstacleSource, table: Bytes, rows: slice) -> Bytes:
     occupancy = source.occupancy[rows]
     cost: Bytes = look_up(occupancy, table)
     if isinstance(source, DistanceField) and source.unknown == "occupied":
-        set_where(cost, occupancy == UNKNOWN, map_values.LETHAL_OBSTACLE)
+        set_where(cost, occupancy == map_values.UNKNOWN, map_values.LETHAL_OBSTACLE)
     return cost
 
 
@@ -232,7 +227,7 @@ def _spreads_from_obstacles(field: DistanceField, table: Bytes, around_unknown: 
     obstacles = np.arange(map_values.OCCUPIED + 1) >= field.lethal_threshold
     differs[: map_values.OCCUPIED + 1] = is_lethal[: map_values.OCCUPIED + 1] != obstacles
     if field.unknown == "free" and around_unknown:
-        differs[UNKNOWN] = table[UNKNOWN] == map_values.NO_INFORMATION
+        differs[map_values.UNKNOWN] = table[map_values.UNKNOWN] == map_values.NO_INFORMATION
     return not differs.any() or not counts_of(field.occupancy)[differs].any()
 
 
@@ -244,7 +239,7 @@ def _distinguishes(field: DistanceField, profile: inflation_layer.CostProfile) -
     if field.max_distance < metres * (1 - 1e-6):
         rule = f"the field is clipped below the range of the costs, {metres:g} m"
         got, hint = field.max_distance, LARGER_MAX_DISTANCE
-        raise ParameterError(rule, place="max_distance", got=got, hint=hint)
+        raise errors.ParameterError(rule, place="max_distance", got=got, hint=hint)
     return False
 
 
@@ -262,5 +257,5 @@ def _raise_from_field(
 def _resolution_is_float32(lookup: inflation_layer.CostLookup, requested: bool | None) -> bool:
     if lookup == "nav2" and requested is False:
         rule = "cannot be no with lookup nav2, which takes the resolution of a map message"
-        raise ParameterError(rule, place="float32_resolution")
+        raise errors.ParameterError(rule, place="float32_resolution")
     return lookup == "nav2" or bool(requested)

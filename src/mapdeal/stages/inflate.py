@@ -9,9 +9,8 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal import command
+from mapdeal import command, errors
 from mapdeal.command import AT_LEAST_0, METRES, InPlaceOf, LethalThreshold, RobotShape
-from mapdeal.errors import emit_warning
 from mapdeal.grid.footprint import FootprintLike, shape_of
 from mapdeal.grid.frame import RADIUS_TOLERANCE, cells_to_cover, largest_square_within
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -87,7 +86,7 @@ def inflate(
     write = partial(inflated, value=OCCUPIED, protected=None if inflate_unknown else UNKNOWN)
     if kernel == "disc" and 0 < radius < side - RADIUS_TOLERANCE:
         text = f"inflate: radius {radius:g} m is below a cell of {side:g} m and has no effect"
-        emit_warning(text)
+        errors.emit_warning(text)
 
     def inflated_rows(rows: slice) -> NDArray[np.int8]:
         values = grid.occupancy[rows]
@@ -101,5 +100,5 @@ def inflate(
     occupancy = made_by_windows(grid.occupancy, np.int8, inflated_rows, halo=halo)
     is_full = holds_everywhere(occupancy, lambda values: values == OCCUPIED)
     if is_full and not holds_everywhere(grid.occupancy, lambda v: v >= lethal_threshold):
-        emit_warning(f"inflate: radius {radius:g} m leaves no cell of the map free")
+        errors.emit_warning(f"inflate: radius {radius:g} m leaves no cell of the map free")
     return OccupancyGrid(occupancy, side, grid.origin)

@@ -8,27 +8,24 @@ from typing import Annotated
 
 import numpy as np
 
-from mapdeal import command
+from mapdeal import command, records
 from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.grid import field, frame as frames
 from mapdeal.grid.costmap import CostCurve, Costmap
-from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import Framed, as_float32, warn_of_degrees
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OCCUPIED, UNKNOWN
 from mapdeal.kernels import blocks, lookup
 from mapdeal.kernels.arrays import Bytes, Integers, Mask, SignedBytes
-from mapdeal.layers import inflation as inflation_layer
+from mapdeal.layers import inflation as inflation_layer, static
 from mapdeal.layers.inflation import InflationLayer, advice_on, circumscribed_cost, inflation_curve
 from mapdeal.layers.keepout import KeepoutFilter, MaskCosts, cells_at_centres
 from mapdeal.layers.layer import MasterGrid
 from mapdeal.layers.stack import CostmapArea, CostmapLayers, cells_below, covered_cells
-from mapdeal.layers.static import StaticLayer
-from mapdeal.records import replace
 from mapdeal.stages.cost import ObstacleSource, cost_model, refuse_view, warn_of_strength
 from mapdeal.stages.structured import LayerList
 
-_DEFAULT_LAYERS = (StaticLayer(), InflationLayer())
+_DEFAULT_LAYERS = (static.StaticLayer(), InflationLayer())
 _EMPTY_COST = command.Condition("0 or 255", lambda value: value in (FREE_SPACE, NO_INFORMATION))
 
 
@@ -48,7 +45,7 @@ def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object]:
     return parameters if reaches else {**parameters, "circumscribed_radius": None}
 
 
-def _curve(source: Framed, parameters: command.Parameters) -> CostCurve | None:
+def _curve(source: frames.Framed, parameters: command.Parameters) -> CostCurve | None:
     inflations = _stack_of(parameters).inflations_above_map
     if inflations is None:  # no layer below the inflation has obstacles
         return None
@@ -66,7 +63,7 @@ def _has_own_area(parameters: command.Parameters) -> bool:
     return area is not None and not (area.is_rolling and parameters["pose"] is None)
 
 
-def _cells(_: Framed, parameters: command.Parameters) -> Iterator[int]:
+def _cells(_: frames.Framed, parameters: command.Parameters) -> Iterator[int]:
     yield parameters["area"].height * parameters["area"].width
 
 
@@ -176,7 +173,7 @@ def layered_cost(
         cell_size, cells_of = frame.resolution, partial(cells_below, frame, map_to_odom)
     else:
         frame = source.frame
-        cell_size, cells_of = as_float32(frame.resolution), partial(cells_at_centres, frame)
+        cell_size, cells_of = frames.as_float32(frame.resolution), partial(cells_at_centres, frame)
     lay_mask_over = under_robot = None
     if mask is not None:
         lay_mask_over = MaskCosts(mask, partial(cells_of, mask.frame), "costmap2d").lay_over
@@ -205,7 +202,7 @@ def layered_cost(
             source.occupancy, np.uint8, lambda rows: costs(rows, _occupancy(source, rows)),
             halo=sum(layer.halo(frame.shape, cell_size) for layer in applied),
         )  # fmt: skip
-    inflations = replace(stack, layers=applied).inflation_layers
+    inflations = records.replace(stack, layers=applied).inflation_layers
     at_circumscribed = None
     if inflations:
         at_circumscribed = circumscribed_cost(circumscribed_radius, inflations[-1])
@@ -219,8 +216,8 @@ def _check_transform(
         if map_to_odom is not None:
             raise ParameterError("needs pose", place="map_to_odom")
         return
-    warn_of_degrees(pose[2], "pose")
-    warn_of_degrees(0.0 if map_to_odom is None else map_to_odom[2], "map_to_odom")
+    frames.warn_of_degrees(pose[2], "pose")
+    frames.warn_of_degrees(0.0 if map_to_odom is None else map_to_odom[2], "map_to_odom")
     area = stack.area
     is_in_map_frame = area is None or not area.is_rolling or area.is_in_map_frame
     if map_to_odom is not None and is_in_map_frame:
@@ -234,7 +231,7 @@ def _check_transform(
 
 def _occupancy(source: ObstacleSource, rows: slice) -> SignedBytes:
     values = source.occupancy[rows]
-    if isinstance(source, DistanceField) and source.unknown == "occupied":
+    if isinstance(source, field.DistanceField) and source.unknown == "occupied":
         values = values.copy()
         lookup.set_where(values, values == UNKNOWN, OCCUPIED)
     return values

@@ -8,15 +8,12 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal import command
-from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.costmap import Costmap, travel_weights
+from mapdeal import command, errors
+from mapdeal.grid import costmap, frame as frames, values
 from mapdeal.grid.field import LARGEST_GAIN, LARGEST_REPULSION, DistanceField, PotentialField
 from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
-from mapdeal.grid.frame import Frame, Point, check_point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import reach_radius, robot_text
-from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.kernels.lookup import sum_of_inverse_distances
 from mapdeal.stages.cost import obstacles_of
 
@@ -51,7 +48,7 @@ mapdeal potential examples/maps/office.yaml -o out/potential.npz --goal 9,5 \\
     where_it_fits=("with_cost_to_go", "cost_to_go and its gradient", 200.0),
 )
 def potential(
-    source: OccupancyGrid | DistanceField | Costmap,
+    source: OccupancyGrid | DistanceField | costmap.Costmap,
     *,
     goal: Annotated[tuple[float, float], command.POINT] | None = None,
     repulsive_cap: Annotated[float, CAP, command.REPULSION] = 1e5,
@@ -139,21 +136,21 @@ def potential(
     >>> field.attractive.round(6).tolist()
     [[1.5, 1.0, 0.5, 0.0]]
     """
-    costs = source if isinstance(source, Costmap) else None
+    costs = source if isinstance(source, costmap.Costmap) else None
     if cost_travel_multiplier and costs is None:
         hint = "give a costmap, --params-file, or in a recipe the stage cost before"
-        raise ParameterError("needs costs", place="cost_travel_multiplier", hint=hint)
-    source = source.to_occupancy() if isinstance(source, Costmap) else source
+        raise errors.ParameterError("needs costs", place="cost_travel_multiplier", hint=hint)
+    source = source.to_occupancy() if isinstance(source, costmap.Costmap) else source
     obstacles = np.asarray(obstacles_of(source, lethal_threshold))
-    occupancy = np.where(obstacles, np.int8(OCCUPIED), np.asarray(source.occupancy))
+    occupancy = np.where(obstacles, np.int8(values.OCCUPIED), np.asarray(source.occupancy))
     cost_to_go = cost_to_go_of = None
     if goal is not None:
-        cells, inside = source.frame.bounded_rowcol_from_xy([check_point(goal, "goal")])
+        cells, inside = source.frame.bounded_rowcol_from_xy([frames.check_point(goal, "goal")])
         if not inside[0]:
             text = f"potential: the goal {goal[0]:.10g}, {goal[1]:.10g} lies outside of the map"
-            emit_warning(text)
+            errors.emit_warning(text)
         elif obstacles[tuple(cells[0])]:
-            raise ParameterError("lies in an obstacle", place="goal", got=goal)
+            raise errors.ParameterError("lies in an obstacle", place="goal", got=goal)
         if with_cost_to_go:
             robot = shape_of(footprint) or (Footprint.circle(radius) if radius > 0 else None)
             options = robot, costs, cost_travel_multiplier, through_unknown
@@ -161,7 +158,7 @@ def potential(
             cost_to_go_of = robot_text(robot)
             if inside[0] and np.isinf(cost_to_go[tuple(cells[0])]):
                 text = f"the goal {goal[0]:.10g}, {goal[1]:.10g} is closed to {cost_to_go_of}"
-                emit_warning(f"potential: {text}: cost_to_go is inf everywhere")
+                errors.emit_warning(f"potential: {text}: cost_to_go is inf everywhere")
     least = LEAST_DISTANCE * (1 + 1e-9)
     repulsive = sum_of_inverse_distances(obstacles, scale=source.resolution, least=least)
     return PotentialField(
@@ -173,8 +170,8 @@ def potential(
 
 
 def _costs_to(
-    goal: Point, occupancy: NDArray[np.int8], frame: Frame, robot: Footprint | None,
-    costs: Costmap | None, weight: float, through_unknown: bool,
+    goal: frames.Point, occupancy: NDArray[np.int8], frame: frames.Frame, robot: Footprint | None,
+    costs: costmap.Costmap | None, weight: float, through_unknown: bool,
 ) -> NDArray[np.float64]:  # fmt: skip
     """Return the least cost of a way from each cell to a goal, in metres; inf if none."""
     from mapdeal.grid.reaching import Ground, cells_open_to  # slow to import
@@ -187,6 +184,6 @@ def _costs_to(
     is_open = cells_open_to(ground, robot, (math.floor(place[0]), math.floor(place[1])))
     if costs is None:
         return lengths_to(is_open, place) * frame.resolution
-    weights = travel_weights(costs, weight, through_unknown=through_unknown)
-    classes = np.where(is_open, costs.cost.view(np.uint8), np.uint8(LETHAL_OBSTACLE))
+    weights = costmap.travel_weights(costs, weight, through_unknown=through_unknown)
+    classes = np.where(is_open, costs.cost.view(np.uint8), np.uint8(values.LETHAL_OBSTACLE))
     return weighted_lengths_to(classes, weights, place) * frame.resolution

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 
 from mapdeal import command
 from mapdeal.errors import ParameterError
-from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import DistanceField
+from mapdeal.grid import costmap, field, frame
 from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
-from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, reach_radius, robot_text
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN, few_text
@@ -38,7 +36,7 @@ def _memory_of_headings(parameters: command.Parameters) -> float:
     return max(0.0, count / 8 + 5.0 - _MEMORY)
 
 
-def _remark(_: command.Parameters, figures: Figures) -> str | None:
+def _remark(_: command.Parameters, figures: frame.Figures) -> str | None:
     missed = [name for name, is_reached in figures["goals"].items() if not is_reached]
     if not missed:
         return None
@@ -61,7 +59,7 @@ def _remark(_: command.Parameters, figures: Figures) -> str | None:
     in_place_of={"footprint": command.InPlaceOf("radius", lambda p: reach_radius(p["footprint"]))},
 )
 def reach(
-    source: OccupancyGrid | DistanceField | Costmap,
+    source: OccupancyGrid | field.DistanceField | costmap.Costmap,
     *,
     start: Annotated[tuple[float, ...], command.POSE] | None = None,
     goals: Goals = (),
@@ -150,10 +148,10 @@ def reach(
 
 
 def _occupancy_of(
-    source: OccupancyGrid | DistanceField | Costmap, lethal_threshold: int | None
+    source: OccupancyGrid | field.DistanceField | costmap.Costmap, lethal_threshold: int | None
 ) -> NDArray[np.int8]:
     """Return a map, a field or costs as occupancy in which every obstacle is 100."""
-    if isinstance(source, Costmap):
+    if isinstance(source, costmap.Costmap):
         lethal = LETHAL_OBSTACLE if source.scale == "costmap2d" else OCCUPIED
         if lethal_threshold not in (None, OCCUPIED):
             rule = f"applies to maps: of costs the lethal cells are obstacles, {lethal}"
@@ -164,6 +162,6 @@ def _occupancy_of(
         return occupancy
     threshold = check_lethal_threshold(source, lethal_threshold)
     occupancy = np.asarray(source.occupancy)
-    if isinstance(source, DistanceField) or threshold < OCCUPIED:
+    if isinstance(source, field.DistanceField) or threshold < OCCUPIED:
         return np.where(np.asarray(obstacles_of(source, threshold)), np.int8(OCCUPIED), occupancy)
     return occupancy

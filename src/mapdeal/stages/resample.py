@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from mapdeal.command import ABOVE_0, METRES, RADIANS, Parameters, check_one_of, stage
 from mapdeal.errors import emit_warning, require
-from mapdeal.grid import costmap, frame as frames
+from mapdeal.grid import costmap, frame as frames, values
 from mapdeal.grid.canvas import ResamplingRule, check_values, resampled
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, check_choice
 from mapdeal.kernels.distance import beside
 from mapdeal.records import dataclass
 
@@ -155,7 +154,7 @@ def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
     check_values(grid)
     frame, quarters = _turned(grid.frame, yaw)
     if quarters is not None:
-        check_choice(rule, ResamplingRule, "rule")
+        values.check_choice(rule, ResamplingRule, "rule")
         return grid.with_values(np.rot90(grid.values, -quarters), frame.origin)
     lattice = frames.Frame(1, 1, frame.resolution)
     region = frames.region_around(lattice, frame)
@@ -269,9 +268,9 @@ def _walls_of(grid: frames.ValueGrid) -> NDArray[np.bool_]:
     """Return the obstacle cells near open space, or all obstacle cells without open space."""
     # A map that was turned before may be occupied around its old outline, which is not a wall.
     check_values(grid)
-    obstacles: NDArray[np.bool_] = grid.values >= DEFAULT_LETHAL_THRESHOLD
+    obstacles: NDArray[np.bool_] = grid.values >= values.DEFAULT_LETHAL_THRESHOLD
     if isinstance(grid, costmap.Costmap):
-        obstacles = grid.to_occupancy().occupied(OCCUPIED)
+        obstacles = grid.to_occupancy().occupied(values.OCCUPIED)
     near = ~obstacles & (grid.values != grid.unknown_value)
     for _ in range(_THICKEST_WALL):
         near |= beside(near) & obstacles
@@ -340,7 +339,7 @@ def rescale(
     >>> rescale(grid, 0.025).shape
     (4, 8)
     """
-    check_choice(rule, ResamplingRule, "rule")
+    values.check_choice(rule, ResamplingRule, "rule")
     check_values(grid)
     frame = rescaled_frame(grid.frame, resolution)
     return grid if frame == grid.frame else resampled(grid, frame, rule=rule)

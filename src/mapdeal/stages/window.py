@@ -8,17 +8,13 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 
-from mapdeal import command
-from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
-from mapdeal.grid import canvas as canvases, frame as frames
-from mapdeal.grid.field import DistanceField
+from mapdeal import command, errors
+from mapdeal.grid import canvas as canvases, field, frame as frames, reach
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.kernels import blocks, components
-from mapdeal.kernels.arrays import Array, Mask
+from mapdeal.kernels import arrays, blocks, components
 
-G = TypeVar("G", bound=frames.ValueGrid | canvases.FieldGrid | Reach)
+G = TypeVar("G", bound=frames.ValueGrid | canvases.FieldGrid | reach.Reach)
 V = TypeVar("V", bound=frames.ValueGrid)
 
 
@@ -86,19 +82,19 @@ def active_region(
     grow = frames.cells_to_cover(margin, grid.resolution)
     region = frames.Region.spanning(*_known_lines(grid, min_component), grow=grow)
     if region is None:
-        raise MalformedInputError("no active cells: every cell is unknown")
+        raise errors.MalformedInputError("no active cells: every cell is unknown")
     origin = region.frame_in(grid.frame).origin
     box = OccupancyGrid(canvases.cut_out(grid.occupancy, region), grid.resolution, origin)
     return canvases.on_canvas(box, grid.frame) if canvas == "full" else box
 
 
-def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
+def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[arrays.Mask, arrays.Mask]:
     """Return which rows and which columns have known cells of large enough groups."""
     if min_component > 1:
         known = components.drop_small_groups(np.asarray(grid.occupancy) != UNKNOWN, min_component)
         if not known.any():
             rule = f"no active cells: no group of {min_component} known cells or more"
-            raise MalformedInputError(rule)
+            raise errors.MalformedInputError(rule)
         return np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
     in_rows, in_cols = np.zeros(grid.shape[0], dtype=bool), np.zeros(grid.shape[1], dtype=bool)
     for block in blocks.swept(grid.occupancy):
@@ -193,14 +189,14 @@ def default_of(grid: frames.Framed, value: int | None) -> int | None:
     if value is None:
         return None
     if not isinstance(grid, frames.ValueGrid):
-        raise ParameterError("a distance field takes none", place="default", got=value)
+        raise errors.ParameterError("a distance field takes none", place="default", got=value)
     return grid.accept_value(value, "default")
 
 
 def copied(grid: G, region: frames.Region, frame: frames.Frame, fill: int | None, name: str) -> G:
-    if not isinstance(grid, (frames.ValueGrid, DistanceField)):
-        raise ParameterError("takes a map, a costmap or a distance field", source="window")
-    box = grid.region if isinstance(grid, DistanceField) else None
+    if not isinstance(grid, (frames.ValueGrid, field.DistanceField)):
+        raise errors.ParameterError("takes a map, a costmap or a distance field", source="window")
+    box = grid.region if isinstance(grid, field.DistanceField) else None
     known = box or frames.Region(0, 0, *grid.shape)
     row, col = max(region.row, known.row), max(region.col, known.col)
     top = min(region.row + region.height, known.row + known.height)
@@ -208,10 +204,10 @@ def copied(grid: G, region: frames.Region, frame: frames.Frame, fill: int | None
     shared = frames.Region(row, col, top - row, right - col)
     if shared.height <= 0 or shared.width <= 0:
         if not isinstance(grid, frames.ValueGrid):
-            raise ParameterError("no cell of it has a distance", place=name)
-        emit_warning(f"{name}: lies outside the map, so no cell is kept")
+            raise errors.ParameterError("no cell of it has a distance", place=name)
+        errors.emit_warning(f"{name}: lies outside the map, so no cell is kept")
         value = grid.unknown_value if fill is None else fill
-        values: Array = np.full(frame.shape, value, dtype=grid.values.dtype)
+        values: arrays.Array = np.full(frame.shape, value, dtype=grid.values.dtype)
         return grid.with_values(values, frame.origin)
     layers = {name: canvases.cut_out(getattr(grid, name), shared) for name in grid.layer_names}
     part = canvases.replaced(grid, origin=shared.frame_in(grid.frame).origin, **layers)
