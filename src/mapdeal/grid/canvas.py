@@ -11,10 +11,9 @@ import numpy as np
 
 from mapdeal.compatibility import Self
 from mapdeal.errors import ParameterError
+from mapdeal.grid import reach, values as map_values
 from mapdeal.grid.frame import Figures, Frame, Framed, Region, ValueGrid, corners_of
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import Reach
-from mapdeal.grid.values import UNKNOWN, check_choice
 from mapdeal.kernels.arrays import Array, Bytes, Floats, Mask, SignedBytes
 from mapdeal.kernels.blocks import Layer, is_lazy, made_by_rows
 from mapdeal.kernels.lookup import TOUCHING, Lattice, largest_under, nearest_under
@@ -27,7 +26,7 @@ _CELLS_AT_ONCE = 1 << 20
 
 
 def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
-    check_choice(rule, ResamplingRule, "rule")
+    map_values.check_choice(rule, ResamplingRule, "rule")
     check_values(grid)
     part = _under(frame, grid.values, grid.frame)
     values = np.full(frame.shape, grid.unknown_value, dtype=grid.values.dtype)
@@ -170,7 +169,7 @@ class FieldGrid(Framed):
     @property
     def outside_values(self) -> dict[str, float]:
         """Value of each layer in cells added around the grid: nan or unknown."""
-        return {self.layer_names[0]: np.nan, "occupancy": UNKNOWN}
+        return {self.layer_names[0]: np.nan, "occupancy": map_values.UNKNOWN}
 
     @property
     def grid(self) -> OccupancyGrid:
@@ -217,7 +216,7 @@ class FieldGrid(Framed):
             object.__setattr__(self, "region", region)
 
 
-G = TypeVar("G", bound=ValueGrid | FieldGrid | Reach)
+G = TypeVar("G", bound=ValueGrid | FieldGrid | reach.Reach)
 
 
 class layer_of_box(cached_property[Floats]):  # noqa: N801 - a decorator
@@ -306,7 +305,7 @@ def _box_of_numbers(layer: Array, occupancy: SignedBytes, name: str) -> Region |
         has_number[0][band] = numbers.any(axis=1)
         has_number[1] |= numbers.any(axis=0)
         count += int(np.count_nonzero(numbers))
-        known += int(np.count_nonzero((occupancy[band] != UNKNOWN) & ~numbers))
+        known += int(np.count_nonzero((occupancy[band] != map_values.UNKNOWN) & ~numbers))
     region = Region.spanning(*has_number)
     if region is None:
         raise ParameterError(f"{name} must not hold nan everywhere")

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, require
-from mapdeal.grid import values as map_values
-from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer, library
+from mapdeal.grid import frame, values as map_values
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels import blocks, lookup
 from mapdeal.kernels.arrays import Floats
@@ -35,7 +34,7 @@ _MOST_FAR = 1001
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Costmap(ValueGrid):
+class Costmap(frame.ValueGrid):
     """A grid of costs.
 
     Parameters
@@ -62,7 +61,7 @@ class Costmap(ValueGrid):
     layer_names = ("cost",)
     cost: NDArray[np.uint8] | NDArray[np.int8]
     resolution: float
-    origin: Origin = (0.0, 0.0, 0.0)
+    origin: frame.Origin = (0.0, 0.0, 0.0)
     scale: map_values.CostScale = "costmap2d"
     circumscribed_cost: int | None = None
 
@@ -71,14 +70,14 @@ class Costmap(ValueGrid):
             raise ParameterError("cost scale must be costmap2d or occupancy", got=self.scale)
         is_bytes = self.scale == "costmap2d"
         lethal = map_values.LETHAL_OBSTACLE if is_bytes else map_values.OCCUPIED
-        cost = as_layer(self.cost, np.uint8 if is_bytes else np.int8, "cost", true=lethal)
+        cost = frame.as_layer(self.cost, np.uint8 if is_bytes else np.int8, "cost", true=lethal)
         self._freeze(cost=cost)
         if not blocks.is_lazy(cost) and not is_bytes:
             lowest, highest = ends = int(cost.min()), int(cost.max())
             is_on_scale = lowest >= map_values.UNKNOWN and highest <= map_values.OCCUPIED
             require(is_on_scale, "costs on the occupancy scale must lie in -1..100", got=ends)
 
-    def _own_figures(self) -> Figures:
+    def _own_figures(self) -> frame.Figures:
         figures = figures_of_costs(blocks.counts_of(self.cost), self.scale)
         if self.scale == "costmap2d":
             figures["circumscribed_cost"] = self.circumscribed_cost
@@ -111,10 +110,10 @@ class Costmap(ValueGrid):
         closed = {253: "cyan", 254: "black"} if self.scale == "costmap2d" else {100: "black"}
         highest = max(closed)
         values = np.linspace(0.05, 0.7, highest + 1)
-        colours = [*library("matplotlib").colormaps["inferno_r"](values)]
+        colours = [*frame.library("matplotlib").colormaps["inferno_r"](values)]
         for value, name in {0: "white", **closed}.items():
-            colours[value] = library("matplotlib.colors").to_rgba(name)
-        cmap = library("matplotlib.colors").ListedColormap(colours).with_extremes(bad="grey")
+            colours[value] = frame.library("matplotlib.colors").to_rgba(name)
+        cmap = frame.library("matplotlib.colors").ListedColormap(colours).with_extremes(bad="grey")
         return {"cmap": cmap, "vmin": 0, "vmax": highest}
 
     @property
@@ -122,7 +121,7 @@ class Costmap(ValueGrid):
         """Value of an unknown cell: 255, or -1 on scale ``occupancy``."""
         return map_values.NO_INFORMATION if self.scale == "costmap2d" else map_values.UNKNOWN
 
-    def _with_values(self, values: NDArray[Any], origin: Origin) -> Costmap:
+    def _with_values(self, values: NDArray[Any], origin: frame.Origin) -> Costmap:
         return replace(self, cost=values, origin=origin)
 
     def to_occupancy(self) -> OccupancyGrid:
@@ -218,15 +217,15 @@ def travel_weights(costmap: Costmap, multiplier: float, *, through_unknown: bool
     return weights
 
 
-def figures_of_costs(counts: NDArray[np.int64], scale: map_values.CostScale) -> Figures:
-    figures: Figures = {"cost_scale": scale, "free": int(counts[0])}
+def figures_of_costs(counts: NDArray[np.int64], scale: map_values.CostScale) -> frame.Figures:
+    figures: frame.Figures = {"cost_scale": scale, "free": int(counts[0])}
     figures |= {name: int(counts[cost]) for name, cost in _NAMED_COSTS[scale].items()}
     named = sum(figures[name] for name in ("free", *_NAMED_COSTS[scale]))
     common = _most_common(counts, scale)
     return {**figures, "graded": int(counts.sum()) - named, "most_common": common}
 
 
-def _most_common(counts: NDArray[np.int64], scale: map_values.CostScale) -> Figures | None:
+def _most_common(counts: NDArray[np.int64], scale: map_values.CostScale) -> frame.Figures | None:
     # Open cells are free or graded. On scale ``occupancy`` ROS publishes 99 for inscribed, but for
     # some models 99 is the highest graded cost. If nearly all cells but obstacles have it, it is
     # returned.

@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError, as_known, require
-from mapdeal.grid import values as map_values
-from mapdeal.grid.canvas import FieldGrid, embedded, layer_of_box, padded
-from mapdeal.grid.frame import Figures, Origin, Point, Region, as_layer, as_points, check_point
+from mapdeal.grid import canvas, frame as frames, values as map_values
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text, numbers_text
 from mapdeal.kernels import blocks, lookup, threads
@@ -57,7 +55,7 @@ class FieldSamples(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DistanceField(FieldGrid):
+class DistanceField(canvas.FieldGrid):
     """A signed distance field together with the map that it was computed from.
 
     Parameters
@@ -90,13 +88,13 @@ class DistanceField(FieldGrid):
     distance: NDArray[np.float32]
     occupancy: NDArray[np.int8]
     resolution: float
-    origin: Origin = (0.0, 0.0, 0.0)
+    origin: frames.Origin = (0.0, 0.0, 0.0)
     convention: map_values.Convention = "fast-planner"
     strength: float = 1.0
     max_distance: float | None = None
     lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD
     unknown: map_values.UnknownPolicy = "free"
-    region: Region | None = None
+    region: frames.Region | None = None
 
     def __post_init__(self) -> None:
         conventions = get_args(map_values.Convention)
@@ -110,11 +108,11 @@ class DistanceField(FieldGrid):
             ("lethal_threshold", 1 <= self.lethal_threshold <= 100, "lie between 1 and 100"),
         ):
             require(holds, f"{name} must {rule}", got=getattr(self, name))
-        distance = as_layer(self.distance, np.float32, "distance")
+        distance = frames.as_layer(self.distance, np.float32, "distance")
         self._freeze(distance=distance, occupancy=as_occupancy_layer(self.occupancy))
         self._find_region()
 
-    def _own_figures(self) -> Figures:
+    def _own_figures(self) -> frames.Figures:
         mask = self.obstacles()
         obstacles, lowest, highest = 0, math.inf, -math.inf
         for rows in blocks.swept(self.distance):
@@ -153,7 +151,7 @@ class DistanceField(FieldGrid):
     def obstacles(self) -> NDArray[np.bool_]:
         """Return the mask of cells that the field counts as obstacles."""
         if self.region is not None and self.unknown == "occupied":  # around the box is no obstacle
-            return padded(self.cropped.obstacles(), self.shape, self.region, fill=False)
+            return canvas.padded(self.cropped.obstacles(), self.shape, self.region, fill=False)
         return obstacles_in(self.occupancy, self.lethal_threshold, self.unknown)
 
     def query(self, points_xy: ArrayLike) -> FieldSamples:
@@ -192,7 +190,7 @@ class DistanceField(FieldGrid):
         >>> inside
         array([ True, False])
         """
-        points = as_points(points_xy)
+        points = frames.as_points(points_xy)
         count = len(points)
         samples = FieldSamples(np.empty(count), np.empty((count, 2)), np.empty(count, np.bool_))
 
@@ -322,7 +320,7 @@ class FieldView(OccupancyGrid):
     kind = "view of a distance field"
     scale: ViewScale = ViewScale()
 
-    def _with_values(self, values: NDArray[Any], origin: Origin) -> FieldView:
+    def _with_values(self, values: NDArray[Any], origin: frames.Origin) -> FieldView:
         return replace(self, occupancy=values, origin=origin)
 
     def as_map(self) -> OccupancyGrid:
@@ -337,12 +335,12 @@ class FieldView(OccupancyGrid):
     def _repr_parameters(self) -> Iterator[str]:
         yield f"view {self.scale.described()}"
 
-    def _own_figures(self) -> Figures:
+    def _own_figures(self) -> frames.Figures:
         return {**super()._own_figures(), **self.scale.entries()}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PotentialField(FieldGrid):
+class PotentialField(canvas.FieldGrid):
     """A potential on a map, high at obstacles and low at the goal.
 
     Parameters
@@ -381,18 +379,18 @@ class PotentialField(FieldGrid):
     repulsive: NDArray[np.float64]
     occupancy: NDArray[np.int8]
     resolution: float
-    origin: Origin = (0.0, 0.0, 0.0)
-    goal: Point | None = None
+    origin: frames.Origin = (0.0, 0.0, 0.0)
+    goal: frames.Point | None = None
     attractive_gain: float = 1.0
     repulsive_gain: float = 1.0
     repulsive_cap: float = 1e5
-    region: Region | None = None
+    region: frames.Region | None = None
     cost_to_go: NDArray[np.float64] | None = None
     cost_to_go_of: str | None = None
     cost_travel_multiplier: float = 0.0
 
     def __post_init__(self) -> None:
-        repulsive = as_layer(self.repulsive, np.float64, "repulsive")
+        repulsive = frames.as_layer(self.repulsive, np.float64, "repulsive")
         lowest, highest = (f.reduce(repulsive, axis=None, initial=0.0) for f in (np.fmin, np.fmax))
         if lowest < 0 or highest > LARGEST_REPULSION:  # `_find_region` checks nan
             raise ParameterError(f"repulsive must lie between 0 and {LARGEST_REPULSION:g}")
@@ -402,10 +400,10 @@ class PotentialField(FieldGrid):
         cap, rule = self.repulsive_cap, f"must be above 0, at most {LARGEST_REPULSION:g}"
         require(0 < cap <= LARGEST_REPULSION, rule, "repulsive_cap", got=cap)
         if self.goal is not None:
-            object.__setattr__(self, "goal", check_point(self.goal, "goal"))
+            object.__setattr__(self, "goal", frames.check_point(self.goal, "goal"))
         layers = {"repulsive": repulsive, "occupancy": as_occupancy_layer(self.occupancy)}
         if self.cost_to_go is not None:
-            layers["cost_to_go"] = as_layer(self.cost_to_go, np.float64, "cost_to_go")
+            layers["cost_to_go"] = frames.as_layer(self.cost_to_go, np.float64, "cost_to_go")
         object.__setattr__(self, "layer_names", tuple(layers))
         self._freeze(**layers)
         self._find_region()
@@ -415,7 +413,7 @@ class PotentialField(FieldGrid):
         lengths = {} if self.cost_to_go is None else {"cost_to_go": math.inf}
         return {**super().outside_values, **lengths}
 
-    def _own_figures(self) -> Figures:
+    def _own_figures(self) -> frames.Figures:
         return {
             "goal": None if self.goal is None else list(self.goal),
             **({} if self.cost_to_go_of is None else {"cost_to_go_of": self.cost_to_go_of}),
@@ -460,7 +458,7 @@ class PotentialField(FieldGrid):
         """Return the mask of obstacle cells."""
         return np.equal(self.occupancy, OCCUPIED)
 
-    @layer_of_box
+    @canvas.layer_of_box
     def attractive(self) -> NDArray[np.float64] | None:
         """Distance from each cell centre to the goal, metres, shape (H, W), if there is a goal."""
         if self.goal is None:
@@ -469,20 +467,20 @@ class PotentialField(FieldGrid):
         rows = np.arange(self.shape[0])[:, np.newaxis] + 0.5 - row
         return np.asarray(np.hypot(rows, np.arange(self.shape[1]) + 0.5 - col) * self.resolution)
 
-    @layer_of_box
+    @canvas.layer_of_box
     def potential(self) -> NDArray[np.float64]:
         """Sum of both parts times their gains, shape (H, W); `repulsive` if there is no goal."""
         if self.attractive is None:
             return self.repulsive
         return self.attractive_gain * self.attractive + self.repulsive_gain * self.repulsive
 
-    @layer_of_box
+    @canvas.layer_of_box
     def normalised(self) -> NDArray[np.float64]:
         """Potential scaled to 0..10, shape (H, W); all 0 if it is constant."""
         low, high = float(self.potential.min()), float(self.potential.max())
         return np.zeros(self.shape) if high == low else 10 * (self.potential - low) / (high - low)
 
-    @layer_of_box
+    @canvas.layer_of_box
     def gradient(self) -> NDArray[np.float64]:
         """Gradient of the potential along x and y of the map frame, per metre, shape (2, H, W).
 
@@ -491,12 +489,12 @@ class PotentialField(FieldGrid):
         """
         return self._slopes(self.potential)
 
-    @layer_of_box
+    @canvas.layer_of_box
     def gradient_magnitude(self) -> NDArray[np.float64]:
         """Magnitude of the gradient, per metre, shape (H, W)."""
         return np.asarray(np.hypot(*self.gradient))
 
-    @layer_of_box
+    @canvas.layer_of_box
     def cost_to_go_gradient(self) -> NDArray[np.float64] | None:
         """Gradient of `cost_to_go`, as `gradient`, shape (2, H, W); nan where that is infinite."""
         if self.cost_to_go is None:
@@ -509,7 +507,7 @@ class PotentialField(FieldGrid):
         The sum has no term for the cell itself, so that a lone obstacle would be a pit.
         """
         if self.region is not None:
-            return embedded(self.cropped.downhill_surface(), self.shape, self.region)
+            return canvas.embedded(self.cropped.downhill_surface(), self.shape, self.region)
         gain = 1.0 if self.goal is None else self.repulsive_gain
         surface = self.potential.copy()
         surface[self.obstacles()] += 2.0 * gain / self.resolution
@@ -518,7 +516,7 @@ class PotentialField(FieldGrid):
     def downhill(self) -> NDArray[np.float64]:
         """Return unit vectors down the `downhill_surface`, shape (2, H, W), 0 where it is level."""
         if self.region is not None:
-            return embedded(self.cropped.downhill(), self.shape, self.region, fill=0.0)
+            return canvas.embedded(self.cropped.downhill(), self.shape, self.region, fill=0.0)
         slopes = self._slopes(self.downhill_surface())
         length = np.hypot(*slopes)
         directions = np.zeros_like(slopes)

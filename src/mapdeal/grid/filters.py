@@ -15,11 +15,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
+from mapdeal import errors, records
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, decimal_text
 from mapdeal.kernels.lookup import histogram
-from mapdeal.records import dataclass
 
 FilterKind = Literal["keepout", "speed", "binary"]
 SpeedUnit = Literal["percent", "m/s"]
@@ -31,7 +30,7 @@ _STEPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.25, 0.5, 1.0)  # multipliers in m/s
 _SLACK = 1e-6
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class FilterInfo:
     """How a filter reads its mask: value v means ``base + v * multiplier``."""
 
@@ -65,7 +64,7 @@ class FilterInfo:
             rule = f"must be {span} with base {self.base:g} and multiplier {self.multiplier:g}"
             is_small = self.unit == "percent" and 0 < speed < 1
             hint = "for a speed in m/s use --speed-unit m/s" if is_small else None
-            raise ParameterError(rule, place="speed", got=speed, hint=hint)
+            raise errors.ParameterError(rule, place="speed", got=speed, hint=hint)
         return value, is_exact
 
     def entries(self) -> dict[str, Any]:

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapdeal.errors import ParameterError
+from mapdeal import errors, records
 from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer, library
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels import blocks, lookup
-from mapdeal.records import dataclass
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class OccupancyGrid(ValueGrid):
     """A grid of occupancy values, like ``nav_msgs/OccupancyGrid``.
 
@@ -113,7 +112,7 @@ class OccupancyGrid(ValueGrid):
         return blocks.mapped(self.occupancy, bool, lambda values: values == UNKNOWN)
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@records.dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class CloudLayers(OccupancyGrid):
     """A map made of point clouds, with the layers of ``CloudMap.layers``."""
 
@@ -141,5 +140,5 @@ def as_occupancy_layer(values: ArrayLike) -> NDArray[np.int8]:
     if blocks.is_lazy(occupancy):
         return occupancy
     if occupancy.size and (occupancy.min() < UNKNOWN or occupancy.max() > OCCUPIED):
-        raise ParameterError(rule, got=(int(occupancy.min()), int(occupancy.max())))
+        raise errors.ParameterError(rule, got=(int(occupancy.min()), int(occupancy.max())))
     return occupancy

@@ -10,12 +10,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import require
-from mapdeal.grid.footprint import Footprint, contains_centre
-from mapdeal.grid.frame import Figures, Framed, Origin, Point, as_layer
+from mapdeal import errors, records
+from mapdeal.grid import footprint, frame
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import UNKNOWN, OneLineRepr, count_text, decimal_text, numbers_text
-from mapdeal.records import dataclass, field
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
 Method = Literal["astar", "descent", "geodesic", "graph"]
@@ -24,7 +22,7 @@ _DECIMALS = 9  # of figures; further digits are rounding errors
 MOST_HEADINGS = 255  # as many as a byte of the layer `Reach.headings` can count
 
 
-@dataclass(frozen=True, repr=False)
+@records.dataclass(frozen=True, repr=False)
 class Goal(OneLineRepr):
     """A place that a robot should reach.
 
@@ -43,7 +41,7 @@ class Goal(OneLineRepr):
     def __post_init__(self) -> None:
         for name in ("x", "y"):
             value = getattr(self, name)
-            require(isinstance(value, Real), "must be a number", name, got=value)
+            errors.require(isinstance(value, Real), "must be a number", name, got=value)
 
     @property
     def label(self) -> str:
@@ -56,7 +54,7 @@ class Goal(OneLineRepr):
         yield numbers_text((self.x, self.y))
 
 
-@dataclass(frozen=True, repr=False)
+@records.dataclass(frozen=True, repr=False)
 class Bottleneck(OneLineRepr):
     """The narrowest place on the widest route to a goal.
 
@@ -88,7 +86,7 @@ class Bottleneck(OneLineRepr):
         yield f"the {self.at}"
 
 
-@dataclass(frozen=True, repr=False)
+@records.dataclass(frozen=True, repr=False)
 class GoalReach(OneLineRepr):
     """Whether a robot can reach a goal, and what limits it.
 
@@ -117,7 +115,7 @@ class GoalReach(OneLineRepr):
     widest_radius: float
     limited_by: Bottleneck | None = None
     reason: str | None = None
-    nearest_open: Point | None = None
+    nearest_open: frame.Point | None = None
 
     @property
     def stopped_by(self) -> str | None:
@@ -137,7 +135,7 @@ class GoalReach(OneLineRepr):
             yield repr(self.limited_by)
 
 
-@dataclass(frozen=True, repr=False)
+@records.dataclass(frozen=True, repr=False)
 class Passage(OneLineRepr):
     """A place that stops a robot or barely lets it pass.
 
@@ -161,7 +159,7 @@ class Passage(OneLineRepr):
     width: float
     cut_off: float
     is_open: bool
-    ends: tuple[Point, Point]
+    ends: tuple[frame.Point, frame.Point]
 
     def _repr_parts(self) -> Iterator[str]:
         yield f"{self.width:.4g} m at {numbers_text((self.x, self.y))}"
@@ -169,8 +167,8 @@ class Passage(OneLineRepr):
         yield f"{decimal_text(self.cut_off)} m2 behind it"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Reach(Framed):
+@records.dataclass(frozen=True, eq=False, repr=False)
+class Reach(frame.Framed):
     """The cells that a robot can reach from a start, and the widths of the routes.
 
     Parameters
@@ -213,9 +211,9 @@ class Reach(Framed):
     widest: NDArray[np.float32]
     occupancy: NDArray[np.int8]
     resolution: float
-    origin: Origin = (0.0, 0.0, 0.0)
+    origin: frame.Origin = (0.0, 0.0, 0.0)
     start: tuple[float, ...] = (0.0, 0.0)
-    robot: Footprint | None = None
+    robot: footprint.Footprint | None = None
     heading_count: int = 72
     through_unknown: bool = False
     goals: tuple[GoalReach, ...] = ()
@@ -223,10 +221,10 @@ class Reach(Framed):
 
     def __post_init__(self) -> None:
         count, rule = self.heading_count, f"must be from 1 to {MOST_HEADINGS}"
-        require(1 <= count <= MOST_HEADINGS, rule, "heading_count", got=count)
+        errors.require(1 <= count <= MOST_HEADINGS, rule, "heading_count", got=count)
         dtypes: tuple[type[np.generic], ...] = (np.uint8, np.uint8, np.float32, np.float32)
         named = zip(self.layer_names, dtypes, strict=False)  # the map is checked apart
-        layers = {name: as_layer(getattr(self, name), dtype, name) for name, dtype in named}
+        layers = {name: frame.as_layer(getattr(self, name), dtype, name) for name, dtype in named}
         self._freeze(**layers, occupancy=as_occupancy_layer(self.occupancy))
 
     @property
@@ -267,7 +265,7 @@ class Reach(Framed):
         free = self.free_area
         return self.reachable_area / free if free else 0.0
 
-    def _own_figures(self) -> Figures:
+    def _own_figures(self) -> frame.Figures:
         reasons = [(answer.goal.label, answer.stopped_by) for answer in self.goals]
         return {
             "start": list(self.start),
@@ -303,7 +301,7 @@ class Reach(Framed):
         return entries
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class Route(OneLineRepr):
     """A route from a start to a goal.
 
@@ -343,7 +341,7 @@ class Route(OneLineRepr):
     reached: bool
     start: tuple[float, float]
     goal: tuple[float, float]
-    points_xy: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
+    points_xy: NDArray[np.float64] = records.field(default_factory=lambda: np.empty((0, 2)))
     length: float = math.nan
     cost: float = math.nan
     min_clearance: float = math.nan
@@ -372,15 +370,15 @@ class Route(OneLineRepr):
             yield f"local minimum at {numbers_text(self.local_minimum)}"
 
 
-def reach_radius(robot: Footprint | None) -> float:
+def reach_radius(robot: footprint.Footprint | None) -> float:
     """Return the radius of the largest round robot that fits wherever a robot does, metres."""
     # For a robot with corners it is the inscribed radius, or 0 if the centre lies outside of it.
-    if robot is None or (robot.vertices and not contains_centre(robot.vertices)):
+    if robot is None or (robot.vertices and not footprint.contains_centre(robot.vertices)):
         return 0.0
     return robot.inscribed_radius
 
 
-def robot_text(robot: Footprint | None) -> str:
+def robot_text(robot: footprint.Footprint | None) -> str:
     if robot is None:
         return "a point"
     if not robot.vertices:

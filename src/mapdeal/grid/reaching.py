@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.grid import frame as frames, reach
+from mapdeal.grid import frame as frames, reach, values as map_values
 from mapdeal.grid.footprint import Footprint, footprint_spans
 from mapdeal.grid.frame import Frame, Point, check_point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach
-from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels import components, distance, paths, polygons, threads
 from mapdeal.kernels.arrays import Bytes, Floats, Mask, Metres, SquaredDistances
 from mapdeal.kernels.components import ClearanceTree, RootedTree, joined
@@ -153,7 +152,7 @@ class Ground:
 
     @property
     def obstacles(self) -> Mask:
-        return np.equal(self.occupancy, OCCUPIED)
+        return np.equal(self.occupancy, map_values.OCCUPIED)
 
     @property
     def blocked(self) -> Mask:
@@ -168,7 +167,7 @@ class Ground:
         """Mask of cells that no part of the robot may touch."""
         blocked = self.obstacles
         if not self.through_unknown:
-            blocked |= self.occupancy == UNKNOWN
+            blocked |= self.occupancy == map_values.UNKNOWN
         return blocked
 
     def passage_tree(self) -> PassageTree:
@@ -568,11 +567,11 @@ def _headings_at(
 def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | None) -> str:
     if not ground.frame.holds(cell):
         return "outside of the map"
-    if ground.occupancy[cell] == OCCUPIED:
+    if ground.occupancy[cell] == map_values.OCCUPIED:
         return "an obstacle"
     if ground.keepout is not None and ground.keepout[cell]:
         return "in a keepout area"
-    if ground.occupancy[cell] == UNKNOWN and not ground.through_unknown:
+    if ground.occupancy[cell] == map_values.UNKNOWN and not ground.through_unknown:
         return "unknown"
     if robot is not None and robot.vertices:
         return "too narrow for the robot in every heading"

@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.footprint import Footprint, sample_poses
-from mapdeal.grid.frame import Frame
+from mapdeal.grid import costmap, footprint, frame as frames
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, OneLineRepr, count_text
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.lookup import least_along, places_along
@@ -125,12 +123,12 @@ class Sweeps:
     is_open: NDArray[np.bool_]  # cells that the robot's centre may be in
     closed: NDArray[np.uint8]  # costs of costmap_2d: 254 in obstacles, 255 in unknown cells
     squared: NDArray[Any]  # to the nearest cell that is not free, in cells; below 0 counts as 0
-    frame: Frame
-    robot: Footprint | None  # None for a point
+    frame: frames.Frame
+    robot: footprint.Footprint | None  # None for a point
 
     @cached_property
-    def _costmap(self) -> Costmap:
-        return Costmap(self.closed, self.frame.resolution, self.frame.origin)
+    def _costmap(self) -> costmap.Costmap:
+        return costmap.Costmap(self.closed, self.frame.resolution, self.frame.origin)
 
     def along(
         self, starts: Floats, ends: Floats, *, touches: bool = True, step: float = _STEP
@@ -205,7 +203,7 @@ class Sweeps:
         for turn in (0.0, math.pi) if robot.vertices else (0.0,):
             poses = np.column_stack([places_xy, yaws + turn])
             for shape in (robot, robot.padded(_ROUNDING)):
-                costs, _ = sample_poses(self._costmap, shape, poses)
+                costs, _ = footprint.sample_poses(self._costmap, shape, poses)
                 is_free &= (costs == FREE_SPACE) if robot.vertices else (costs != LETHAL_OBSTACLE)
         return is_free
 

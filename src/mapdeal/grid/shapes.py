@@ -9,11 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from mapdeal.errors import ParameterError, require
-from mapdeal.grid.footprint import area_of, check_simple, checked_corners, is_number
+from mapdeal.grid import footprint, values
 from mapdeal.grid.frame import CELL_TOLERANCE, FARTHEST, Frame, Point
-from mapdeal.grid.values import OneLineRepr, count_text, points_text
-from mapdeal.kernels import polygons
-from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels import arrays, polygons
 from mapdeal.records import dataclass, field
 
 _MOST_VERTICES = 10_000
@@ -22,7 +20,7 @@ _FLAT = 1e-12  # largest area that counts as none, relative to the extent square
 
 
 @dataclass(frozen=True, repr=False)
-class Polygon(OneLineRepr):
+class Polygon(values.OneLineRepr):
     """A filled polygon, convex or concave, with or without holes.
 
     Parameters
@@ -74,9 +72,9 @@ class Polygon(OneLineRepr):
         object.__setattr__(self, "holes_xy", tuple(holes))
 
     def _repr_parts(self) -> Iterator[str]:
-        yield points_text(self.points_xy)
+        yield values.points_text(self.points_xy)
         if self.holes_xy:
-            yield count_text(len(self.holes_xy), "hole")
+            yield values.count_text(len(self.holes_xy), "hole")
         if self.value is not None:
             yield f"value {self.value}"
 
@@ -92,11 +90,11 @@ class Polygon(OneLineRepr):
     def has_extent(self) -> bool:
         """Return whether the corners do not all lie on one line."""
         extent = float(np.ptp(np.array(self.points_xy), axis=0).max())
-        return area_of(self.points_xy) > _FLAT * extent**2
+        return footprint.area_of(self.points_xy) > _FLAT * extent**2
 
 
 @dataclass(frozen=True, repr=False)
-class Line(OneLineRepr):
+class Line(values.OneLineRepr):
     """A line through two or more points, including both ends.
 
     Parameters
@@ -135,12 +133,12 @@ class Line(OneLineRepr):
     kind: ClassVar[str] = "line"
 
     def __post_init__(self) -> None:
-        points = checked_corners(self.points_xy, "line", least=2, most=_MOST_VERTICES)
+        points = footprint.checked_corners(self.points_xy, "line", least=2, most=_MOST_VERTICES)
         object.__setattr__(self, "points_xy", points)
         _check_length(self.thickness, "line thickness")
 
     def _repr_parts(self) -> Iterator[str]:
-        yield points_text(self.points_xy)
+        yield values.points_text(self.points_xy)
         yield f"thickness {self.thickness:.6g} m"
         if self.value is not None:
             yield f"value {self.value}"
@@ -210,7 +208,7 @@ class Circle:
     kind: ClassVar[str] = "circle"
 
     def __post_init__(self) -> None:
-        (center,) = checked_corners([self.center_xy], "circle", least=1, most=1)
+        (center,) = footprint.checked_corners([self.center_xy], "circle", least=1, most=1)
         object.__setattr__(self, "center_xy", center)
         _check_length(self.radius, "circle radius")
 
@@ -276,7 +274,7 @@ class PlainPolygons:
         # Rounding decides nothing here: polygons with less than twice the least area are looked at.
         self.fits[chosen] = inside & (areas > 2 * _FLAT * (high - low).max(axis=1) ** 2)
 
-    def spans(self, indices: Sequence[int]) -> Iterator[tuple[polygons.Spans, Integers]]:
+    def spans(self, indices: Sequence[int]) -> Iterator[tuple[polygons.Spans, arrays.Integers]]:
         """Yield the runs of cells of some shapes in order, and the index of each run's shape."""
         # Each polygon gets rows of its own in a stack of all.
         chosen = np.array(indices)
@@ -300,13 +298,13 @@ class PlainPolygons:
 
 
 def _ring(points: Sequence[Point], name: str, most: int = _MOST_VERTICES) -> tuple[Point, ...]:
-    corners = checked_corners(points, name, least=3, most=most)
-    check_simple(corners, name)
+    corners = footprint.checked_corners(points, name, least=3, most=most)
+    footprint.check_simple(corners, name)
     return corners
 
 
 def _check_length(length: float, place: str) -> None:
-    is_length = is_number(length) and 0 <= length <= FARTHEST
+    is_length = footprint.is_number(length) and 0 <= length <= FARTHEST
     require(is_length, "must be a finite number of metres of at least 0", place, got=length)
 
 
@@ -321,7 +319,7 @@ def _cells(frame: Frame, points: Sequence[Point], kind: str) -> list[polygons.Ce
 
 
 def _positions(frame: Frame, points: Sequence[Point]) -> list[tuple[float, float]]:
-    places: Floats = frame.continuous_rowcol_from_xy(points)
+    places: arrays.Floats = frame.continuous_rowcol_from_xy(points)
     return [(row, col) for row, col in places.tolist()]
 
 

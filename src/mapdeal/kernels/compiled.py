@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels import _clearance_tree, _compiled, arrays
+from mapdeal.kernels import _clearance_tree, _compiled, arrays, components
 from mapdeal.kernels._configuration_space import PoseMaker, flood
 from mapdeal.kernels.arrays import Basins, Bytes, Integers, Mask, Metres, SquaredDistances
 from mapdeal.kernels.blocks import Border, Halo, Layer, Runs
-from mapdeal.kernels.components import BYTES_OF_BASIN, BYTES_OF_EDGE, ClearanceTree, RootedTree
 from mapdeal.kernels.polygons import Cell, Pose, Spans, halves
 from mapdeal.kernels.threads import claim_tables, for_rows, in_bands
 
@@ -90,14 +89,14 @@ def fits(squared: SquaredDistances) -> bool:
     return int(squared.max(where=squared != arrays.unreachable(squared), initial=0)) < _MOST
 
 
-def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> ClearanceTree:
+def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> components.ClearanceTree:
     narrow = _narrow(squared)
     basins = np.empty(narrow.shape, dtype=np.int32)
     mask = np.ascontiguousarray(is_traversable).view(np.uint8)
     work = _clearance_tree.Basins(narrow, mask, basins)
     in_bands(work.point, work.bands, narrow.size)
     peak_count, edge_count = work.counts()
-    claim_tables(BYTES_OF_BASIN * peak_count + BYTES_OF_EDGE * edge_count)
+    claim_tables(components.BYTES_OF_BASIN * peak_count + components.BYTES_OF_EDGE * edge_count)
     peaks, peak_cells = np.empty(peak_count, np.int64), np.empty(peak_count, np.int64)
     work.number(peaks, peak_cells)
     work.join()
@@ -113,7 +112,7 @@ def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> Clearance
     count = _clearance_tree.span_basins(basins, in_order, sets, firsts, seconds, squares, cells)
     for values in (peaks, squares):
         values[values == _MOST] = arrays.unreachable(squared)
-    return ClearanceTree(
+    return components.ClearanceTree(
         basins, peaks, peak_cells, firsts[:count], seconds[:count], squares[:count], cells[:count]
     )
 
@@ -130,7 +129,7 @@ def _narrow(squared: SquaredDistances) -> NDArray[np.int32]:
     return narrow
 
 
-def rooted(tree: ClearanceTree, root: int) -> RootedTree:
+def rooted(tree: components.ClearanceTree, root: int) -> components.RootedTree:
     count, edges = len(tree.peaks), len(tree.squares)
     begins, ends = np.empty(count + 1, np.int32), np.empty(2 * edges, np.int32)
     order = np.empty(count, np.int32)
@@ -140,7 +139,7 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
     found = _clearance_tree.root_tree(
         tree.firsts, tree.seconds, tree.squares, begins, ends, order, parent_edges, bottlenecks
     )
-    return RootedTree(order[:found], parent_edges, bottlenecks)
+    return components.RootedTree(order[:found], parent_edges, bottlenecks)
 
 
 def widest_metres(

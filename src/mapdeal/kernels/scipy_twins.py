@@ -8,10 +8,9 @@ from itertools import chain
 
 import numpy as np
 
-from mapdeal.kernels import arrays, threads
+from mapdeal.kernels import arrays, components, threads
 from mapdeal.kernels.arrays import Basins, Bytes, Floats, Integers, Mask, Metres, SquaredDistances
 from mapdeal.kernels.blocks import Border, Halo, Layer
-from mapdeal.kernels.components import BYTES_OF_BASIN, ClearanceTree, RootedTree, least_joined
 from mapdeal.kernels.polygons import Cell, Pose, Spans, enumerated, halves
 
 _CELLS_TOGETHER = 1 << 18
@@ -142,7 +141,7 @@ def _squares_to(marked: Mask) -> SquaredDistances:
     return np.asarray(rows)
 
 
-def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> ClearanceTree:
+def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> components.ClearanceTree:
     height, width = squared.shape
     heights = np.where(is_traversable, squared, 0).astype(np.int64)
     heights[heights == 0] = _CLOSED
@@ -154,14 +153,14 @@ def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> Clearance
     numbers = np.full(len(towards), -1, dtype=np.int32)
     numbers[peak_cells] = np.arange(len(peak_cells))
     basins: Basins = numbers[towards]
-    threads.claim_tables(BYTES_OF_BASIN * len(peak_cells))
+    threads.claim_tables(components.BYTES_OF_BASIN * len(peak_cells))
     # edges by falling order of cells: the larger neighbour of a cell comes first
     narrower, wider = _pairs_of_basins(flat, basins, width)
     best = np.lexsort((narrower - wider, -narrower, -flat[narrower]))
     narrower, wider = narrower[best], wider[best]
     chosen = _spanning(basins[narrower], basins[wider], len(peak_cells))
     narrower, wider = narrower[chosen], wider[chosen]
-    return ClearanceTree(
+    return components.ClearanceTree(
         basins.reshape(height, width), flat[peak_cells], peak_cells,
         basins[narrower], basins[wider], flat[narrower], narrower,
     )  # fmt: skip
@@ -212,7 +211,7 @@ def _spanning(firsts: Basins, seconds: Basins, count: int) -> Integers:
     return np.sort(positions.astype(np.int64)) - 1
 
 
-def rooted(tree: ClearanceTree, root: int) -> RootedTree:
+def rooted(tree: components.ClearanceTree, root: int) -> components.RootedTree:
     count, edges = len(tree.peaks), len(tree.squares)
     ends = np.concatenate([tree.firsts, tree.seconds])
     beyond = np.concatenate([tree.seconds, tree.firsts])
@@ -233,7 +232,7 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
         parent_edges[generation] = chosen
         bottlenecks[generation] = np.minimum(bottlenecks[parents], tree.squares[chosen])
         order.append(generation)
-    return RootedTree(np.concatenate(order), parent_edges, bottlenecks)
+    return components.RootedTree(np.concatenate(order), parent_edges, bottlenecks)
 
 
 def widest_metres(
@@ -283,7 +282,7 @@ class OpenPoses:
     def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> tuple[Bytes, Mask]:
         counts, (here, ahead) = self._joined()
         firsts = np.cumsum([0, *counts])
-        least = least_joined(here, ahead, int(firsts[-1]))
+        least = components.least_joined(here, ahead, int(firsts[-1]))
         labels = [self._labels(heading)[row, col] for heading, row, col in seeds]
         is_reached = np.zeros(len(least), dtype=np.bool_)
         for (heading, _, _), label in zip(seeds, labels, strict=True):

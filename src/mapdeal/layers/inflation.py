@@ -10,8 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from mapdeal.command import AT_LEAST_0
-from mapdeal.errors import emit_warning
+from mapdeal import command, errors
 from mapdeal.grid import costmap, frame, values as map_values
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION
@@ -56,9 +55,9 @@ class InflationLayer(base.CostmapLayer):
     """
 
     name: str = "inflation_layer"
-    inscribed_radius: Annotated[float, AT_LEAST_0] = 0.0
-    inflation_radius: Annotated[float, AT_LEAST_0] = 0.55
-    cost_scaling_factor: Annotated[float, AT_LEAST_0] = 10.0
+    inscribed_radius: Annotated[float, command.AT_LEAST_0] = 0.0
+    inflation_radius: Annotated[float, command.AT_LEAST_0] = 0.55
+    cost_scaling_factor: Annotated[float, command.AT_LEAST_0] = 10.0
     inflate_unknown: bool = False
     inflate_around_unknown: bool = False
     lookup: CostLookup = "exact"
@@ -333,7 +332,7 @@ def circumscribed_cost(radius: float | None, layer: InflationLayer) -> int | Non
     if radius is None:
         return None
     if radius > layer.inflation_radius:
-        emit_warning(
+        errors.emit_warning(
             f"cost: inflation_radius {layer.inflation_radius:g} m is smaller than the robot's "
             f"circumscribed radius {radius:g} m: cost 0 does not mean that every heading is free"
         )
@@ -342,7 +341,7 @@ def circumscribed_cost(radius: float | None, layer: InflationLayer) -> int | Non
 
 def warn_of_radii(layer: InflationLayer) -> None:
     if layer.inscribed_radius > layer.inflation_radius:
-        emit_warning(
+        errors.emit_warning(
             f"cost: inscribed_radius {layer.inscribed_radius:g} m is larger than inflation_radius "
             f"{layer.inflation_radius:g} m, which cuts it off"
         )

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from mapdeal.command import ABOVE_0, accept_parameters, parameters_of, structured
+from mapdeal import command, records
 from mapdeal.errors import ParameterError, require
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import MOST_CELLS, Frame, Origin, as_float32, turned
@@ -19,14 +19,13 @@ from mapdeal.layers.inflation import InflationLayer
 from mapdeal.layers.keepout import KeepoutFilter
 from mapdeal.layers.layer import CostmapLayer
 from mapdeal.layers.static import StaticLayer
-from mapdeal.records import dataclass, replace
 
 Pose = tuple[float, float, float]
 Cells = tuple[Integers, Integers]
 _EXAMPLE = "{height: 60, width: 60, resolution: 0.05, is_rolling: yes, global_frame: odom}"
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class CostmapArea:
     """Size and place of a costmap that are set by parameters instead of a map.
 
@@ -47,9 +46,9 @@ class CostmapArea:
         Frame of reference of the costmap.
     """
 
-    height: Annotated[int, ABOVE_0]
-    width: Annotated[int, ABOVE_0]
-    resolution: Annotated[float, ABOVE_0]
+    height: Annotated[int, command.ABOVE_0]
+    width: Annotated[int, command.ABOVE_0]
+    resolution: Annotated[float, command.ABOVE_0]
     origin: tuple[float, float] = (0.0, 0.0)
     is_rolling: bool = True
     size_margin: float = 0.0
@@ -79,17 +78,17 @@ def accept_area(name: str, value: object) -> CostmapArea:
         return value
     if not isinstance(value, Mapping) or not {"height", "width", "resolution"} <= set(value):
         raise ParameterError(f"must look like {_EXAMPLE}", place=name, got=value)
-    values, known = dict(value), dict(parameters_of(CostmapArea))
+    values, known = dict(value), dict(command.parameters_of(CostmapArea))
     del known["global_frame"]  # a text, unlike all others
     global_frame = values.pop("global_frame", "map")
     require(isinstance(global_frame, str), "must be text", f"{name}.global_frame", got=global_frame)
-    accepted: dict[str, Any] = accept_parameters(known, values, name)
+    accepted: dict[str, Any] = command.accept_parameters(known, values, name)
     if accepted["height"] * accepted["width"] > MOST_CELLS:
         raise ParameterError(f"must not have more than {MOST_CELLS} cells", place=name, got=value)
     return CostmapArea(**accepted, global_frame=global_frame)
 
 
-structured(CostmapArea, accept_area)
+command.structured(CostmapArea, accept_area)
 
 
 def cells_below(area: Frame, map_to_area: Pose | None, map_frame: Frame, rows: slice) -> Cells:
@@ -144,7 +143,7 @@ def covered_cells(footprint: Footprint, pose: Pose, area: Frame, cell_size: floa
     return covered
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class CostmapLayers:
     """The enabled layers that turn a map into a costmap, from the first to the last."""
 
@@ -204,7 +203,7 @@ class CostmapLayers:
         # A mask over the finished costs has the same effect as filters after all layers.
         without_filters = tuple(layer for layer in self.layers if not _is_keepout(layer))
         is_last = self.layers[: len(without_filters)] == without_filters
-        return replace(self, layers=without_filters) if is_last else self
+        return records.replace(self, layers=without_filters) if is_last else self
 
     @property
     def static_and_inflation(self) -> tuple[StaticLayer, InflationLayer | None] | None:

@@ -8,14 +8,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mapdeal.command import parameters_of
-from mapdeal.errors import MalformedInputError, ParameterError, require
-from mapdeal.grid import frame as frames
-from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal import command, errors, records
+from mapdeal.grid import frame as frames, occupancy
 from mapdeal.grid.values import Drawn, check_choice, count_text
 from mapdeal.mapping import evidence
 from mapdeal.mapping.evidence import Evidence
-from mapdeal.records import dataclass
 
 Method = Literal["log-odds", "counting", "tsdf"]
 EvidenceMaker = Callable[..., Evidence]
@@ -51,7 +48,7 @@ class Extent:
             rule = f"no beam hits anything: of {counts.beams} readings {counts.no_return} are"
             rule += f" without return, {counts.bad} bad"
             hint = f"readings are hits below range_max, {self._limits.range_max:g} m"
-            raise MalformedInputError(rule, hint=hint)
+            raise errors.MalformedInputError(rule, hint=hint)
         lattice = frames.Frame(1, 1, checked)
         first, last = lattice.unbounded_rowcol_from_xy([self._least, self._most])
         height, width = (last - first + 1 + 2 * MARGIN).tolist()
@@ -59,7 +56,7 @@ class Extent:
             x, y, u, v = (*self._least, *self._most)
             rule = f"beams reach from {x:.6g}, {y:.6g} to {u:.6g}, {v:.6g}: too far for a map"
             hint = "a pose may be wrong; --size and --origin bound the map"
-            raise MalformedInputError(rule, hint=hint)
+            raise errors.MalformedInputError(rule, hint=hint)
         row, col = (first - MARGIN).tolist()
         return frames.Region(row, col, height, width).frame_in(lattice)
 
@@ -70,16 +67,16 @@ def frame_of(
     if size is None and origin is None:
         return None
     if size is None or origin is None:
-        raise ParameterError("must be given together", place="size, origin")
+        raise errors.ParameterError("must be given together", place="size, origin")
     x, y = frames.check_point(origin, "origin")
     size_xy = width, height = frames.check_point(size, "size")
-    require(min(size_xy) > 0, "must be two numbers of metres above 0", "size", got=size_xy)
+    errors.require(min(size_xy) > 0, "must be two numbers of metres above 0", "size", got=size_xy)
     checked = frames.check_resolution(resolution)
     rows, cols = (max(1, frames.cells_to_cover(length, checked)) for length in (height, width))
     return frames.Region(0, 0, rows, cols).frame_in(frames.Frame(1, 1, checked, (x, y, 0.0)))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class BuiltMap(Drawn):
     """Map built from laser scans, with its evidence.
 
@@ -95,7 +92,7 @@ class BuiltMap(Drawn):
         Groups of cells that were hit three or more times but are missing from the map.
     """
 
-    grid: OccupancyGrid
+    grid: occupancy.OccupancyGrid
     layers: evidence.Layers
     counts: evidence.BeamCounts
     vanished: evidence.HitGroups
@@ -169,10 +166,10 @@ class MapBuilder:
 def _evidence(frame: frames.Frame, method: Method, parameters: Mapping[str, Any]) -> Evidence:
     check_choice(method, Method, "method")
     kind, chosen = _kind_of(method, dict(parameters))
-    known = parameters_of(kind)
+    known = command.parameters_of(kind)
     for name in chosen:
         if name not in known:
-            raise ParameterError(f"does not apply to method {method}", place=name)
+            raise errors.ParameterError(f"does not apply to method {method}", place=name)
     return kind(frame, **{name: known[name].accept(value) for name, value in chosen.items()})
 
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapdeal import command
+from mapdeal import command, records
 from mapdeal.errors import MalformedInputError, require
 from mapdeal.grid.frame import Figures, Frame, Region, check_resolution
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -26,7 +26,6 @@ from mapdeal.mapping import voxels as cloud_voxels
 from mapdeal.mapping.cloud_evidence import Floor, floor_in, stated_floor
 from mapdeal.mapping.cloud_floor import TILE, Limits
 from mapdeal.mapping.voxels import FINEST, Claim, Columns, Tilt, Voxels, levelled, upright
-from mapdeal.records import dataclass
 
 Drops = Literal["occupied", "unknown"]
 Up = Literal["z", "-z", "y", "-y", "x", "-x"]
@@ -54,7 +53,7 @@ MARGIN = 2  # cells around the known cells, within the frame
 _NEAR_FLOOR, _BINS = 0.15, 300
 
 
-@dataclass(frozen=True, kw_only=True)
+@records.dataclass(frozen=True, kw_only=True)
 class CloudOptions:
     """Options that decide which cells of a cloud are free and which are occupied.
 
@@ -102,7 +101,7 @@ class CloudOptions:
         require(self.robot_height > self.climb, rule, "robot_height", got=self.robot_height)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class CloudMap(Drawn):
     """Map made of a point cloud.
 
@@ -177,7 +176,7 @@ class CloudMap(Drawn):
         yield f"{self.points} points, noise {self.noise:.3g} m"
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class CellContents:
     """Counts and heights of points in the cells of a frame, relative to the floor."""
 

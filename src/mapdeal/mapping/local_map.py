@@ -13,9 +13,8 @@ from mapdeal.command import AT_LEAST_0, METRES, RADIANS, Words, parameters_of
 from mapdeal.errors import ParameterError, require
 from mapdeal.grid import canvas, frame as frames, values as map_values
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels import engine, polygons
 from mapdeal.kernels.arrays import Floats, Integers, Integers32, Mask, SignedBytes
-from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.polygons import FARTHEST_CELL
 from mapdeal.kernels.sensing import Odds, mark_cloud, weigh_rays
 from mapdeal.mapping.transforms import CoveredAngles, Pose, check_pose, wrapped
 from mapdeal.records import dataclass, replace
@@ -141,7 +140,7 @@ class SeenCloud:
         if self._options.asks_for_heights and points.shape[1] < 3:
             raise ParameterError("the cloud has no heights", place="min_height, max_height")
         points = self._in_fan(points)
-        if engine_name() == "compiled" and not self._with_beams:
+        if engine.engine_name() == "compiled" and not self._with_beams:
             is_placed = self._options.frame == "map"
             counts, from_robot = mark_cloud(points, self._rule(), self.is_hit, is_placed=is_placed)
             self._angles.add(np.arctan2(from_robot[:, 1], from_robot[:, 0]))
@@ -352,8 +351,8 @@ class Sightings:
         self._count += 1
         corner = np.array(self._region[:2])
         start, ends = sensor - corner, ends - corner
-        if (np.abs(start) <= FARTHEST_CELL).all():
-            ends = ends[(np.abs(ends) <= FARTHEST_CELL).all(axis=1)]
+        if (np.abs(start) <= polygons.FARTHEST_CELL).all():
+            ends = ends[(np.abs(ends) <= polygons.FARTHEST_CELL).all(axis=1)]
             # the increment reaches the upper bound from any value, so each cell becomes `word`
             word = Odds(2 * self._count, 1, 0, 2 * self._count)
             is_hit, touched = np.zeros(len(ends), np.bool_), np.zeros(self._words.shape, np.uint8)

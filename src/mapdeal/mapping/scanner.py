@@ -8,9 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
+from mapdeal.grid import occupancy, values
 from mapdeal.grid.frame import as_float32
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask
 from mapdeal.kernels.sensing import cast_rays, room_around
 from mapdeal.mapping.evidence import Scans
@@ -26,12 +25,12 @@ _SEED = 0
 class Surroundings:
     """What beams hit: the obstacles of a map; unknown cells end them without a return."""
 
-    grid: OccupancyGrid
+    grid: occupancy.OccupancyGrid
     through_unknown: bool = False
 
     @cached_property
     def _room(self) -> Bytes:
-        unknown = (self.grid.occupancy == UNKNOWN) & (not self.through_unknown)
+        unknown = (self.grid.occupancy == values.UNKNOWN) & (not self.through_unknown)
         return room_around(self.grid.occupied(), unknown)
 
     @property

@@ -11,14 +11,11 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from mapdeal import command
-from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal import command, errors
+from mapdeal.grid import occupancy, values as map_values
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region, check_resolution
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels import components, polygons
 from mapdeal.kernels.arrays import Floats, Integers, Mask
-from mapdeal.kernels.components import labelled
-from mapdeal.kernels.polygons import enumerated
 from mapdeal.mapping.cloud_map import MARGIN, CloudMapper, CloudOptions, box_of, ledges
 from mapdeal.mapping.voxels import Claim
 from mapdeal.records import dataclass, replace
@@ -131,7 +128,7 @@ def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
     keys = np.zeros(0, np.int64)
     cuts = np.searchsorted(cost, np.arange(_AT_ONCE, cost[-1], _AT_ONCE))
     for part in np.split(np.arange(len(cost)), cuts):
-        edge, row = enumerated(first[part], stop[part])
+        edge, row = polygons.enumerated(first[part], stop[part])
         edge = part[edge]
         (x, y), (dx, dy) = begin[edge].T, along[edge].T
         y, steep = row + 0.5 - y, np.where(np.abs(dy) < 1e-12, 1e-12, dy)
@@ -143,7 +140,7 @@ def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
             ends.append(x + share * dx + sign * away)
         start = np.clip(np.ceil(ends[0] - 0.5), 0, frame.width).astype(np.int64)
         last = np.clip(np.floor(ends[1] + 0.5), start, frame.width).astype(np.int64)
-        whose, col = enumerated(start, last)
+        whose, col = polygons.enumerated(start, last)
         found = (section.solid[edge] * frame.height + row)[whose] * frame.width + col
         keys = _distinct(np.concatenate([keys, _distinct(found)]))
     solid, row, col = np.unravel_index(keys, (int(section.solid.max()) + 1, *frame.shape))
@@ -198,7 +195,7 @@ def _rows_crossed(begin: Floats, along: Floats, height: int) -> tuple[Integers, 
     end = begin + along
     ends = np.array([np.minimum(begin, end), np.maximum(begin, end)])
     lowest, highest = np.clip(np.ceil(ends - 0.5), 0, height).astype(np.int64)
-    edge, row = enumerated(lowest, highest)
+    edge, row = polygons.enumerated(lowest, highest)
     return edge, row, (row + 0.5 - begin[edge]) / along[edge]
 
 
@@ -217,14 +214,14 @@ def frame_around(points_xy: Floats, resolution: float) -> Frame:
     if height * width > MOST_CELLS:
         size = " x ".join(f"{side:.6g}" for side in (ends[1] - ends[0]).tolist())
         hint = "are lengths in millimetres? --size and --origin bound the map"
-        raise MalformedInputError(f"extends over {size} m: too far for a map", hint=hint)
+        raise errors.MalformedInputError(f"extends over {size} m: too far for a map", hint=hint)
     row, col = (first - MARGIN).tolist()
     return Region(row, col, height, width).frame_in(lattice)
 
 
 def _space_in(free: Mask, frame: Frame, at: tuple[float, ...] | None) -> tuple[Mask, float]:
     """Return the free cells around a place or robot, and the largest area behind walls, m2."""
-    spaces = labelled(free, corners=False)
+    spaces = components.labelled(free, corners=False)
     sizes = spaces.sizes.copy()
     sizes[0] = 0
     rim = np.ones(free.shape, np.bool_)
@@ -237,7 +234,7 @@ def _space_in(free: Mask, frame: Frame, at: tuple[float, ...] | None) -> tuple[M
         chosen = int(spaces.cells[tuple(cell)]) if inside else 0
         if not chosen:
             rule = "must be free" if inside else "lies outside of the map"
-            raise ParameterError(rule, place="at", got=at)
+            raise errors.ParameterError(rule, place="at", got=at)
     elif enclosed.max() >= _SHARE_ENCLOSED * sizes.max():
         chosen = int(enclosed.argmax())
     enclosed[chosen] = 0
@@ -247,7 +244,7 @@ def _space_in(free: Mask, frame: Frame, at: tuple[float, ...] | None) -> tuple[M
 def map_of_world(
     triangles: Floats, solids: Integers, robot: CloudOptions, options: WorldOptions, *,
     resolution: float, frame: Frame | None, claim: Claim,
-) -> tuple[OccupancyGrid, float]:  # fmt: skip
+) -> tuple[occupancy.OccupancyGrid, float]:  # fmt: skip
     """Return the map of triangles and the solid of each, and the largest area behind walls, m2."""
     size = resolution, frame, claim
     if options.height is None:
@@ -257,9 +254,9 @@ def map_of_world(
         free = ~(occupied | inside)
         occupied |= inside & options.solid
     known, elsewhere_m2 = (free, 0.0) if options.solid else _space_in(free, frame, robot.at)
-    values = np.where(known, FREE, UNKNOWN).astype(np.int8)
-    values[occupied] = OCCUPIED
-    return OccupancyGrid(values, frame.resolution, frame.origin), elsewhere_m2
+    values = np.where(known, map_values.FREE, map_values.UNKNOWN).astype(np.int8)
+    values[occupied] = map_values.OCCUPIED
+    return occupancy.OccupancyGrid(values, frame.resolution, frame.origin), elsewhere_m2
 
 
 def _at_height(
@@ -271,7 +268,7 @@ def _at_height(
     if not len(section.begin):
         low, high = triangles[:, :, 2].min(), triangles[:, :, 2].max()
         rule = f"meets nothing: solids reach from {low:.4g} to {high:.4g} m"
-        raise ParameterError(rule, place="height", got=height)
+        raise errors.ParameterError(rule, place="height", got=height)
     frame = frame or frame_around(np.concatenate(section[:2]), resolution)
     crossed = np.abs(section.end - section.begin).sum() / frame.resolution
     memory = _PER_CELL * (frame.height * frame.width) + _PER_CROSSING * int(crossed)
@@ -301,7 +298,7 @@ def _for_robot(
         mapper.add(points[visible] * cell)
     try:
         contents = mapper.settle()
-    except MalformedInputError as error:  # its hint is about clouds
+    except errors.MalformedInputError as error:  # its hint is about clouds
         error.hint = "--floor Z adds a level floor; --at X,Y,Z names a place on a floor"
         raise
     occupied = contents.obstacles.sum(axis=0) > 0
@@ -380,7 +377,7 @@ class _Columns(NamedTuple):
 
 def _pairs_with_equal_keys(in_order: Integers, searched: Integers) -> tuple[Integers, Integers]:
     first = np.searchsorted(in_order, searched, side="left")
-    return enumerated(first, np.searchsorted(in_order, searched, side="right"))
+    return polygons.enumerated(first, np.searchsorted(in_order, searched, side="right"))
 
 
 def _columns_of(triangles: Floats, solids: Integers, shape: tuple[int, int]) -> _Columns:
@@ -396,7 +393,7 @@ def _columns_of(triangles: Floats, solids: Integers, shape: tuple[int, int]) -> 
     (x, x_end), (z, z_end) = (array[order].reshape(-1, 2).T for array in (x, z))
     triangle, row = edge[order[::2]] // 3, row[order[::2]]
     first, last = (np.clip(np.ceil(ends - 0.5), 0, width).astype(np.int64) for ends in (x, x_end))
-    line, col = enumerated(first, last)
+    line, col = polygons.enumerated(first, last)
     z = z[line] + (col + 0.5 - x[line]) * ((z_end - z) / np.maximum(x_end - x, 1e-12))[line]
     triangle, cell = triangle[line], row[line] * width + col
     turn = np.where(sides[:, 0, 0] * sides[:, 1, 1] > sides[:, 0, 1] * sides[:, 1, 0], -1, 1)
@@ -448,11 +445,11 @@ def _points_on_small(triangles: Floats, lengths: Floats) -> Iterator[tuple[Float
     cost = np.cumsum(rows * np.ceil(longest / _SPACING + 1))
     parts = np.searchsorted(cost, np.arange(0, cost[-1], _POINTS_AT_ONCE))
     for first, end in zip(parts, [*parts[1:], len(rows)], strict=True):
-        whose, row = enumerated(np.zeros(end - first, np.int64), rows[first:end])
+        whose, row = polygons.enumerated(np.zeros(end - first, np.int64), rows[first:end])
         whose += first
         rise = (row + 0.5) / rows[whose]
         cols = np.ceil(longest[whose] * (1 - rise) / _SPACING).clip(1).astype(np.int64)
-        of_row, col = enumerated(np.zeros(len(cols), np.int64), cols)
+        of_row, col = polygons.enumerated(np.zeros(len(cols), np.int64), cols)
         share = (1 - rise)[of_row] * (col + 0.5) / cols[of_row]
         whose, rise = whose[of_row], rise[of_row]
         points = a[whose] + rise[:, np.newaxis] * up[whose] + share[:, np.newaxis] * base[whose]
