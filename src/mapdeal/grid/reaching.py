@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.grid import frame as frames, reach, values as map_values
-from mapdeal.grid.footprint import Footprint, footprint_spans
+from mapdeal.grid import footprint, frame as frames, reach, values as map_values
 from mapdeal.grid.frame import Frame, Point, check_point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach
@@ -414,7 +413,7 @@ def _regions(passage_tree: PassageTree, is_open: Mask, radius: float) -> tuple[F
 
 
 def reach_on(
-    ground: Ground, robot: Footprint | None, *, start: Sequence[float] | None,
+    ground: Ground, robot: footprint.Footprint | None, *, start: Sequence[float] | None,
     goals: Sequence[Goal], headings: int, margin: float, min_area: float,
 ) -> Reach:  # fmt: skip
     if start is not None and len(start) not in (2, 3):
@@ -454,12 +453,12 @@ def reach_on(
     )  # fmt: skip
 
 
-def cells_open_to(ground: Ground, robot: Footprint | None, start: Cell) -> Mask:
+def cells_open_to(ground: Ground, robot: footprint.Footprint | None, start: Cell) -> Mask:
     # Those that are open to a round robot need not all be connected.
     if robot is None or not robot.vertices:
         closed_up_to = largest_closed_square(reach.reach_radius(robot), ground.frame)
         return np.asarray((squares_to(ground.obstacles) > closed_up_to) & ~ground.blocked)
-    footprints = footprint_spans(robot, ground.frame, DEFAULT_HEADINGS)
+    footprints = footprint.footprint_spans(robot, ground.frame, DEFAULT_HEADINGS)
     poses = paths.open_poses(ground.untouchable, footprints, ground.keepout)
     seeds = [(int(heading), *start) for heading in np.flatnonzero(poses.at(*start))]
     return poses.reach(seeds, [])[0].view(np.bool_)
@@ -494,7 +493,7 @@ class _StandingPoses(NamedTuple):
 
 
 def _standing_poses(
-    ground: Ground, robot: Footprint | None, heading_count: int, start_cell: Cell | None,
+    ground: Ground, robot: footprint.Footprint | None, heading_count: int, start_cell: Cell | None,
     start: tuple[float, ...] | None, goal_cells: Sequence[Cell],
 ) -> _StandingPoses:  # fmt: skip
     closed_up_to = largest_closed_square(reach.reach_radius(robot), ground.frame)
@@ -509,7 +508,7 @@ def _standing_poses(
     else:
         if start is None:
             default_start = _default_start(ground, ground.passage_tree(), closed_up_to)
-        footprints = footprint_spans(robot, ground.frame, heading_count)
+        footprints = footprint.footprint_spans(robot, ground.frame, heading_count)
         poses = paths.open_poses(ground.untouchable, footprints, ground.keepout)
     if not poses.headings.any():
         raise MalformedInputError(f"no cell is open to {reach.robot_text(robot)}")
@@ -541,7 +540,7 @@ def _default_start(ground: Ground, passage_tree: PassageTree, closed_up_to: int)
 
 def _headings_at(
     poses: paths.OpenPoses, cell: Cell, start: Sequence[float], ground: Ground,
-    robot: Footprint | None,
+    robot: footprint.Footprint | None,
 ) -> list[int]:  # fmt: skip
     is_open = poses.at(*cell)
     open_headings = np.flatnonzero(is_open)
@@ -564,7 +563,7 @@ def _headings_at(
     return [heading]
 
 
-def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | None) -> str:
+def _closed_text(ground: Ground, cell: Cell, square: int, robot: footprint.Footprint | None) -> str:
     if not ground.frame.holds(cell):
         return "outside of the map"
     if ground.occupancy[cell] == map_values.OCCUPIED:
@@ -586,7 +585,7 @@ def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | Non
 
 def _answer(
     goal: Goal, cell: Cell, heading_count: int, from_start: RootedPassageTree, ground: Ground,
-    robot: Footprint | None, is_open: Mask,
+    robot: footprint.Footprint | None, is_open: Mask,
 ) -> GoalReach:  # fmt: skip
     frame = ground.frame
     widest, limited_by, square = 0.0, None, 0

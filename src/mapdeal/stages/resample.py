@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from mapdeal.command import ABOVE_0, METRES, RADIANS, Parameters, check_one_of, stage
 from mapdeal.errors import emit_warning, require
-from mapdeal.grid import costmap, frame as frames, values
-from mapdeal.grid.canvas import ResamplingRule, check_values, resampled
+from mapdeal.grid import canvas, costmap, frame as frames, values
 from mapdeal.kernels.distance import beside
 from mapdeal.records import dataclass
 
@@ -83,7 +82,7 @@ def turned(
     *,
     yaw: Annotated[float, RADIANS] | None = None,
     straighten: bool = False,
-    rule: ResamplingRule = "area",
+    rule: canvas.ResamplingRule = "area",
 ) -> Turned[V]:
     """Rotate a map or costmap as `rotate` or `straighten` does.
 
@@ -108,7 +107,7 @@ def turned(
     return Turned(rotate(grid, yaw, rule=rule), turn_of(yaw), grid.origin[2])
 
 
-def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
+def rotate(grid: V, yaw: float = 0.0, *, rule: canvas.ResamplingRule = "area") -> V:
     """Rotate a map or costmap about the origin of the map frame, onto a lattice without yaw.
 
     Parameters
@@ -151,20 +150,20 @@ def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
     >>> rotate(crooked).occupancy.tolist()
     [[-1, 100, 100, -1], [-1, 100, 100, -1]]
     """
-    check_values(grid)
+    canvas.check_values(grid)
     frame, quarters = _turned(grid.frame, yaw)
     if quarters is not None:
-        values.check_choice(rule, ResamplingRule, "rule")
+        values.check_choice(rule, canvas.ResamplingRule, "rule")
         return grid.with_values(np.rot90(grid.values, -quarters), frame.origin)
     lattice = frames.Frame(1, 1, frame.resolution)
     region = frames.region_around(lattice, frame)
     text = f"the turned map must not have more than {frames.MOST_CELLS} cells"
     require(region.cells <= frames.MOST_CELLS, text, "yaw", got=(region.width, region.height))
     there = grid.with_values(grid.values, frame.origin)
-    return resampled(there, region.frame_in(lattice), rule=rule)
+    return canvas.resampled(there, region.frame_in(lattice), rule=rule)
 
 
-def straighten(grid: V, *, rule: ResamplingRule = "area") -> V:
+def straighten(grid: V, *, rule: canvas.ResamplingRule = "area") -> V:
     """Rotate a map or costmap so that its walls run along the axes; see `rotate`.
 
     Parameters
@@ -267,7 +266,7 @@ def _quarters_of(yaw: float) -> int | None:
 def _walls_of(grid: frames.ValueGrid) -> NDArray[np.bool_]:
     """Return the obstacle cells near open space, or all obstacle cells without open space."""
     # A map that was turned before may be occupied around its old outline, which is not a wall.
-    check_values(grid)
+    canvas.check_values(grid)
     obstacles: NDArray[np.bool_] = grid.values >= values.DEFAULT_LETHAL_THRESHOLD
     if isinstance(grid, costmap.Costmap):
         obstacles = grid.to_occupancy().occupied(values.OCCUPIED)
@@ -301,7 +300,7 @@ def _cells_to_rescale(grid: frames.ValueGrid, parameters: Parameters) -> Iterato
     derived=lambda parameters: {"resolution": frames.check_resolution(parameters["resolution"])},
 )
 def rescale(
-    grid: V, resolution: Annotated[float, ABOVE_0, METRES], *, rule: ResamplingRule = "area"
+    grid: V, resolution: Annotated[float, ABOVE_0, METRES], *, rule: canvas.ResamplingRule = "area"
 ) -> V:
     """Resample a map or costmap to another resolution.
 
@@ -339,10 +338,10 @@ def rescale(
     >>> rescale(grid, 0.025).shape
     (4, 8)
     """
-    values.check_choice(rule, ResamplingRule, "rule")
-    check_values(grid)
+    values.check_choice(rule, canvas.ResamplingRule, "rule")
+    canvas.check_values(grid)
     frame = rescaled_frame(grid.frame, resolution)
-    return grid if frame == grid.frame else resampled(grid, frame, rule=rule)
+    return grid if frame == grid.frame else canvas.resampled(grid, frame, rule=rule)
 
 
 def rescaled_frame(frame: frames.Frame, resolution: float) -> frames.Frame:
