@@ -191,9 +191,9 @@ def test_rays_clear_the_cells_of_bresenhams_line(axes):
         shaped = CellRays(starts.reshape(-1, axes).T, deltas.reshape(-1, axes).T, steps)
         costs = np.full((6, 9), 7, dtype=np.uint8)
         if axes == 2:
-            sensing.clear_cells(shaped, costs)
+            sensing.clear_rays(shaped, costs)
         else:
-            sensing.clear_voxels(shaped, costs, columns, mark_threshold=5, unknown_threshold=6)
+            sensing.clear_rays(shaped, costs, columns, mark_threshold=5, unknown_threshold=6)
             np.testing.assert_array_equal(columns, cleared)
         np.testing.assert_array_equal(costs, expected)
 

@@ -367,26 +367,21 @@ class CellRays(NamedTuple):
             yield np.array(cells)
 
 
-def clear_cells(rays: CellRays, costs: Bytes) -> None:
-    if engine_name() == "compiled":
-        starts, deltas, steps = map(np.ascontiguousarray, rays)
-        _updates.clear(starts, deltas, steps, costs, _NO_COLUMNS, 0, 0)
-        return
-    for col, row in rays.cells():
-        costs[row, col] = 0
-
-
-def clear_voxels(
-    rays: CellRays, costs: Bytes, columns: NDArray[np.uint32], *, mark_threshold: int,
-    unknown_threshold: int,
+def clear_rays(
+    rays: CellRays, costs: Bytes, columns: NDArray[np.uint32] = _NO_COLUMNS, *,
+    mark_threshold: int = 0, unknown_threshold: int = 0,
 ) -> None:  # fmt: skip
-    """Clear the voxels of rays, and cells whose columns have few marks left."""
+    """Clear the cells of rays; with columns, their voxels, and cells that have few marks left."""
     # Those become free, or 255 if more voxels than `unknown_threshold` are unknown.
     if engine_name() == "compiled":
         starts, deltas, steps = map(np.ascontiguousarray, rays)
         _updates.clear(starts, deltas, steps, costs, columns, mark_threshold, unknown_threshold)
         return
-    for col, row, level in rays.cells():
+    for col, row, *levels in rays.cells():
+        if not levels:
+            costs[row, col] = 0
+            continue
+        (level,) = levels
         for height in np.unique(level).tolist():  # equal assignments may repeat
             at = row[level == height], col[level == height]
             columns[at] &= ~np.uint32(VOXEL << height)

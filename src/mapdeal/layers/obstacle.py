@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION
 from mapdeal.kernels.arrays import Array, Bytes, Floats, Integers, Mask
-from mapdeal.kernels.sensing import VOXEL, CellRays, clear_cells, clear_voxels
+from mapdeal.kernels.sensing import VOXEL, CellRays, clear_rays
 from mapdeal.layers import layer as base
 
 OVERWRITE, MAXIMUM, KEEP_UNKNOWN = range(3)  # combination methods
@@ -431,7 +431,7 @@ class ObstacleGrid(base.LiveLayer):
     def _clear(self, observation: Observation, bounds: base.Bounds) -> None:
         if (found := self._rays(observation)) is not None:
             bounds.touch(*np.array(observation.origin[:2])[:, np.newaxis])
-            clear_cells(found[0], self.costs)
+            clear_rays(found[0], self.costs)
             self._touch_rays(observation, found[1], bounds)
 
     def _touch_rays(self, observation: Observation, ends: Floats, bounds: base.Bounds) -> None:
@@ -534,7 +534,7 @@ class VoxelGrid(ObstacleGrid):
 
     def _clear(self, observation: Observation, bounds: base.Bounds) -> None:
         if (found := self._rays(observation)) is not None:
-            clear_voxels(
+            clear_rays(
                 found[0], self.costs, self.columns, mark_threshold=self.sensing.mark_threshold,
                 unknown_threshold=self._unknown_threshold,
             )  # fmt: skip
