@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ from mapdeal.kernels.arrays import Basins, Bytes, Integers, Mask, Metres, Square
 from mapdeal.kernels.blocks import Border, Halo, Layer, Runs
 from mapdeal.kernels.polygons import Cell, Pose, Spans, halves
 from mapdeal.kernels.threads import claim_tables, for_rows, in_bands
-
-if TYPE_CHECKING:
-    from mapdeal.kernels._compiled import Transform
 
 LONGEST_SIDE = _compiled.longest_side  # cells; the scipy twin handles longer ones
 _MOST = arrays.unreachable(np.zeros(0, dtype=np.int32))
@@ -68,13 +65,13 @@ def _row_of(row: Border | None) -> tuple[Bytes, Runs] | None:
     return None if row is None else (np.ascontiguousarray(row[0]).view(np.uint8), row[1])
 
 
-def _transform(marked: Mask, result: NDArray[Any], limit: int | None) -> Transform:
+def _transform(marked: Mask, result: NDArray[Any], limit: int | None) -> _compiled.Transform:
     most = _compiled.unlimited if limit is None else min(limit, _compiled.unlimited)
     mask = np.ascontiguousarray(marked).view(np.uint8)
     return _compiled.Transform(mask, result.view(np.uint8), most)
 
 
-def _run(transform: Transform, cells: int) -> None:
+def _run(transform: _compiled.Transform, cells: int) -> None:
     in_bands(transform.scan, transform.bands, cells)
     transform.join()
     in_bands(transform.solve, transform.bands, cells)
