@@ -508,20 +508,16 @@ class LocalMapper:
         self, pose: Sequence[float], options: LocalOptions, global_map: OccupancyGrid | None = None,
         *, lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD,
     ) -> None:  # fmt: skip
-        self._pose = check_pose(pose)
+        self.pose = check_pose(pose)
+        """x, y (metres) and yaw (radians) of the robot, -pi < yaw <= pi."""
         self._known = global_map, lethal_threshold
         lattice = lattice_of(options, global_map)
-        self._window = window_around(self._pose, options, lattice)
+        self._window = window_around(self.pose, options, lattice)
         self._keeps_unknown = global_map is not None and options.unknown == "keep"
         self._frame = self._window.frame_in(lattice)
         self._cloud = SeenCloud(
-            self._pose, options, lattice, self._window, with_beams=self._keeps_unknown
+            self.pose, options, lattice, self._window, with_beams=self._keeps_unknown
         )
-
-    @property
-    def pose(self) -> Pose:
-        """x, y (metres) and yaw (radians) of the robot, -pi < yaw <= pi."""
-        return self._pose
 
     def add(self, points: ArrayLike) -> None:
         """Add points, shape (N, 2) or (N, 3 or more), metres; limits of height need z.
@@ -543,7 +539,7 @@ class LocalMapper:
         evidence[self._cloud.is_hit] = map_values.OCCUPIED
         keeps = self._keeps_unknown
         grid, from_map = _joined(*self._known, evidence, self._frame, keeps_unknown=keeps)
-        return LocalMap(grid, self._pose, self._cloud.counts, from_map, self._cloud.angles)
+        return LocalMap(grid, self.pose, self._cloud.counts, from_map, self._cloud.angles)
 
 
 class RollingMapper:
