@@ -378,8 +378,6 @@ def _rectangles_by_rows(marked: Mask) -> Rectangles:
 
 
 class Surface(NamedTuple):
-    """A closed surface of triangles between corners."""
-
     corners: Integers  # row and column in cells, shape (N, 2)
     levels: Bytes  # of corners, shape (N,): 0 is the floor, 2 the top, 1 half-way
     triangles: Integers  # shape (M, 3), anticlockwise seen from outside

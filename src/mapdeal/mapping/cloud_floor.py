@@ -55,8 +55,6 @@ class Limits(NamedTuple):
 
 
 class Patches(NamedTuple):
-    """Patches of level surface: planes over tiles."""
-
     row: Integers
     col: Integers
     z: Floats  # in the middle of the tile

@@ -16,7 +16,7 @@ from mapdeal.errors import ParameterError, require
 from mapdeal.grid.frame import FARTHEST, Frame, Region, as_numbers
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
-from mapdeal.kernels import components, distance, polygons, rotations, sensing
+from mapdeal.kernels import components, distance, polygons, rotations, sensing, skeleton
 from mapdeal.kernels.arrays import Array, Floats, Integers, Mask, SignedBytes
 from mapdeal.records import astuple, dataclass
 
@@ -39,8 +39,6 @@ _LEAST = Condition("at least 0, below 50", lambda v: 0 <= _fixed_point(v) < _EVE
 _MOST = Condition("above 50, at most 100", lambda v: 50 < _fixed_point(v) / _UNIT <= 100)
 _COUNT_UNIT = 1_000_000
 _SHARE = Condition("at least 0, below 1", lambda value: 0 <= value < 1)
-_RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
-"""The neighbours of a cell, in order around it."""
 _FARTHEST = 1000.0  # largest truncation distance, and reach of beams behind hits, in cells
 _TRUNCATION = Condition(f"1 to {_FARTHEST:g}", lambda value: 1 <= value <= _FARTHEST)
 _Truncation = Annotated[float, _TRUNCATION, CELLS]
@@ -515,7 +513,7 @@ def thin_blocks(chosen: Mask, size: Floats) -> None:
         row, col = cells[index].tolist()
         # A cell's neighbours stay 8-connected without it if Yokoi's connectivity number is 1. The
         # cell is in a block if three consecutive neighbours, the middle one diagonal, are set.
-        ring = [bool(padded[row + 1 + y, col + 1 + x]) for y, x in _RING]
+        ring = [bool(padded[row + 1 + y, col + 1 + x]) for y, x in skeleton.RING]
         corners = [(ring[k], ring[k + 1], ring[(k + 2) % 8]) for k in (0, 2, 4, 6)]
         number = sum(not first and (middle or last) for first, middle, last in corners)
         if number == 1 and any(map(all, corners)):

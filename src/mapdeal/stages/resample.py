@@ -33,7 +33,6 @@ class Turned(Generic[V]):
     baked_yaw: float = 0.0  # of the origin, which the cells have now
 
     def lines(self) -> Iterator[str]:
-        """Yield what ``mapdeal rotate`` prints of the turn."""
         if self.transform is None:
             return
         if self.baked_yaw:

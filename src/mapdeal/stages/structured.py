@@ -22,6 +22,7 @@ from mapdeal.layers.layer import CostmapLayer
 from mapdeal.records import replace
 
 _GOALS_EXAMPLE = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
+_LAYERS_EXAMPLE = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
 
 
 def accept_goals(name: str, value: object) -> tuple[Goal, ...]:
@@ -82,9 +83,6 @@ if TYPE_CHECKING:  # what callers pass; a stage gets the goals made of it
 else:
     Goals = tuple[Goal, ...]
     structured(Goals, accept_goals)
-
-
-_LAYERS_EXAMPLE = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
 
 
 LayerList = tuple[CostmapLayer, ...]  # layers of a costmap as a parameter of a stage
