@@ -17,7 +17,7 @@ from mapdeal.pipeline.folder import one_pass
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings, passes_reported
-from mapdeal.stages import esdf as esdf_module, exponential_cost as exponential
+from mapdeal.stages import costmap_2d, esdf as esdf_module
 from pipeline.reported import write_cells
 
 VALUES = np.random.default_rng(5).integers(-1, 101, (23, 4)).astype(np.int8)
@@ -144,7 +144,7 @@ def test_layers_are_made_once_for_figures_and_once_for_all_files_and_then_releas
 
     in_blocks = memory.MemoryPlan(0, memory.BlockPlan(40, CacheBudget(room)))
     count("distances", esdf_module, "signed_distance", len)
-    count("costs", exponential, "base_costs", lambda _, __, rows: rows.stop - rows.start)
+    count("costs", costmap_2d, "base_costs", lambda _, __, rows: rows.stop - rows.start)
     monkeypatch.setattr(memory, "_plan_memory", lambda *_: in_blocks)
     settings = Settings(threads=1, images=False)
     gc.disable()

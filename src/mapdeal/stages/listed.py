@@ -13,8 +13,8 @@ from mapdeal.stages.resample import rescale as rescale
 from mapdeal.stages.inflate import inflate as inflate
 from mapdeal.stages.esdf import esdf as esdf
 from mapdeal.stages.potential import potential as potential
-from mapdeal.stages.exponential_cost import exponential_cost as exponential_cost
+from mapdeal.stages.costmap_2d import exponential_cost as exponential_cost
 from mapdeal.stages.robot_costmap import threshold_cost as threshold_cost
 from mapdeal.stages.robot_costmap import ring_cost as ring_cost
-from mapdeal.stages.layered_cost import layered_cost as layered_cost
+from mapdeal.stages.costmap_2d import layered_cost as layered_cost
 from mapdeal.stages.reach import reach as reach
