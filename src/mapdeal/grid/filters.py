@@ -13,12 +13,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import errors, records
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, decimal_text
-from mapdeal.kernels.lookup import histogram
+from mapdeal.kernels import arrays, lookup
 
 FilterKind = Literal["keepout", "speed", "binary"]
 SpeedUnit = Literal["percent", "m/s"]
@@ -109,7 +108,7 @@ def info_for(
 
 
 def mask_description(info: FilterInfo, grid: OccupancyGrid) -> dict[str, Any]:
-    counts, area = histogram(grid.occupancy), grid.resolution**2
+    counts, area = lookup.histogram(grid.occupancy), grid.resolution**2
     description: dict[str, Any] = {"kind": info.kind, "type": info.type}
     description |= {"base": info.base, "multiplier": info.multiplier}
     description["area_m2"] = round(float(counts[1 : OCCUPIED + 1].sum()) * area, 9)
@@ -134,6 +133,6 @@ def mask_rows(description: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield limit, f"{decimal_text(entry['area_m2'])} m2"
 
 
-def limits_in(info: FilterInfo, counts: NDArray[np.int64]) -> list[tuple[int, float | None, int]]:
+def limits_in(info: FilterInfo, counts: arrays.Integers) -> list[tuple[int, float | None, int]]:
     values = np.flatnonzero(counts[1 : OCCUPIED + 1]) + 1
     return [(v, info.limit_of(v), int(counts[v])) for v in values.tolist()]

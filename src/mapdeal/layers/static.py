@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.command import PERCENT, Condition
 from mapdeal.grid import values as map_values
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OCCUPIED
-from mapdeal.kernels.lookup import look_up, set_where
+from mapdeal.kernels import arrays, lookup
 from mapdeal.layers import layer as base
 
 _BYTE = Condition("a byte, 0 to 255, or -1 for 255", lambda value: -1 <= value <= 255)
@@ -109,9 +108,9 @@ class StaticLayer(base.CostmapLayer):
         )
         if inscribed == NO_INFORMATION != unknown:  # the byte of -1
             table[inscribed] = map_values.INSCRIBED_INFLATED_OBSTACLE
-        costs: NDArray[np.uint8] = look_up(master.occupancy, table)
+        costs: arrays.Bytes = lookup.look_up(master.occupancy, table)
         if self.footprint_clearing_enabled and master.under_robot is not None:
-            set_where(costs, master.under_robot, FREE_SPACE)
+            lookup.set_where(costs, master.under_robot, FREE_SPACE)
         in_map = master.in_map
         if self.use_maximum:
             master.raise_to(costs, within=in_map, unknown_is_highest=self.unknown_is_highest)

@@ -7,14 +7,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import command, errors
 from mapdeal.grid import frame as frames, values
 from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
 from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.kernels.blocks import made_by_rows, swept
+from mapdeal.kernels import arrays, blocks
 from mapdeal.layers.keepout import MaskCosts, cells_at_centres
 
 ObstacleSource = OccupancyGrid | DistanceField
@@ -81,7 +80,7 @@ def warn_of_strength(source: ObstacleSource, model: str) -> None:
         errors.emit_warning(text)
 
 
-def obstacles_of(source: ObstacleSource, lethal_threshold: int | None) -> NDArray[np.bool_]:
+def obstacles_of(source: ObstacleSource, lethal_threshold: int | None) -> arrays.Mask:
     threshold = check_lethal_threshold(source, lethal_threshold)
     return source.obstacles() if isinstance(source, DistanceField) else source.occupied(threshold)
 
@@ -128,19 +127,19 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
     """
     keepout = MaskCosts(mask, partial(cells_at_centres, costmap.frame, mask.frame), costmap.scale)
 
-    def raised(rows: slice) -> NDArray[Any]:
+    def raised(rows: slice) -> arrays.Array:
         cost = costmap.cost[rows].copy()
         keepout.lay_over(cost, rows)
         return cost
 
-    layer = made_by_rows(costmap.cost, costmap.cost.dtype, raised, is_cached=True)
-    for rows in swept(layer):  # a lazy layer is computed for the counts in the warnings
+    layer = blocks.made_by_rows(costmap.cost, costmap.cost.dtype, raised, is_cached=True)
+    for rows in blocks.swept(layer):  # a lazy layer is computed for the counts in the warnings
         layer[rows]
     keepout.warn()
     return costmap.with_values(layer)
 
 
-def closed_by(mask: OccupancyGrid, frame: frames.Frame) -> NDArray[np.bool_]:
+def closed_by(mask: OccupancyGrid, frame: frames.Frame) -> arrays.Mask:
     """Return the cells of a frame in which a keepout mask is 100, shape (H, W)."""
     nothing = Costmap(np.zeros(frame.shape, dtype=np.uint8), frame.resolution, frame.origin)
     return np.asarray(apply_keepout_mask(nothing, mask).cost == values.LETHAL_OBSTACLE)

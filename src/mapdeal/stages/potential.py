@@ -6,7 +6,6 @@ import math
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import command, errors
 from mapdeal.grid import costmap, frame as frames, values
@@ -14,7 +13,7 @@ from mapdeal.grid.field import LARGEST_GAIN, LARGEST_REPULSION, DistanceField, P
 from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import reach_radius, robot_text
-from mapdeal.kernels.lookup import sum_of_inverse_distances
+from mapdeal.kernels import arrays, lookup
 from mapdeal.stages.cost import obstacles_of
 
 GAIN = command.Condition(f"between 0 and {LARGEST_GAIN:g}", lambda v: 0 <= v <= LARGEST_GAIN)
@@ -160,7 +159,7 @@ def potential(
                 text = f"the goal {goal[0]:.10g}, {goal[1]:.10g} is closed to {cost_to_go_of}"
                 errors.emit_warning(f"potential: {text}: cost_to_go is inf everywhere")
     least = LEAST_DISTANCE * (1 + 1e-9)
-    repulsive = sum_of_inverse_distances(obstacles, scale=source.resolution, least=least)
+    repulsive = lookup.sum_of_inverse_distances(obstacles, scale=source.resolution, least=least)
     return PotentialField(
         np.minimum(repulsive, repulsive_cap), occupancy, source.resolution, source.origin,
         goal=goal, attractive_gain=attractive_gain, repulsive_gain=repulsive_gain,
@@ -170,9 +169,9 @@ def potential(
 
 
 def _costs_to(
-    goal: frames.Point, occupancy: NDArray[np.int8], frame: frames.Frame, robot: Footprint | None,
+    goal: frames.Point, occupancy: arrays.SignedBytes, frame: frames.Frame, robot: Footprint | None,
     costs: costmap.Costmap | None, weight: float, through_unknown: bool,
-) -> NDArray[np.float64]:  # fmt: skip
+) -> arrays.Floats:  # fmt: skip
     """Return the least cost of a way from each cell to a goal, in metres; inf if none."""
     from mapdeal.grid.reaching import Ground, cells_open_to  # slow to import
     from mapdeal.kernels.paths import lengths_to, weighted_lengths_to

@@ -8,12 +8,11 @@ from typing import Annotated, Generic, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.command import ABOVE_0, METRES, RADIANS, Parameters, check_one_of, stage
 from mapdeal.errors import emit_warning, require
 from mapdeal.grid import canvas, costmap, frame as frames, values
-from mapdeal.kernels.distance import beside
+from mapdeal.kernels import arrays, distance
 from mapdeal.records import dataclass
 
 _QUARTER = math.pi / 2
@@ -262,16 +261,16 @@ def _quarters_of(yaw: float) -> int | None:
     return quarters if abs(yaw - quarters * _QUARTER) <= _TOLERANCE else None
 
 
-def _walls_of(grid: frames.ValueGrid) -> NDArray[np.bool_]:
+def _walls_of(grid: frames.ValueGrid) -> arrays.Mask:
     """Return the obstacle cells near open space, or all obstacle cells without open space."""
     # A map that was turned before may be occupied around its old outline, which is not a wall.
     canvas.check_values(grid)
-    obstacles: NDArray[np.bool_] = grid.values >= values.DEFAULT_LETHAL_THRESHOLD
+    obstacles: arrays.Mask = grid.values >= values.DEFAULT_LETHAL_THRESHOLD
     if isinstance(grid, costmap.Costmap):
         obstacles = grid.to_occupancy().occupied(values.OCCUPIED)
     near = ~obstacles & (grid.values != grid.unknown_value)
     for _ in range(_THICKEST_WALL):
-        near |= beside(near) & obstacles
+        near |= distance.beside(near) & obstacles
     near &= obstacles
     return near if near.any() else obstacles
 
