@@ -9,16 +9,14 @@ from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 
+from mapdeal import errors, records
 from mapdeal.compatibility import Self
-from mapdeal.errors import ParameterError
 from mapdeal.grid import reach, values as map_values
 from mapdeal.grid.frame import Figures, Frame, Framed, Region, ValueGrid, corners_of
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels import blocks, threads
 from mapdeal.kernels.arrays import Array, Bytes, Floats, Mask, SignedBytes
-from mapdeal.kernels.blocks import Layer, is_lazy, made_by_rows
 from mapdeal.kernels.lookup import TOUCHING, Lattice, largest_under, nearest_under
-from mapdeal.kernels.threads import for_rows
-from mapdeal.records import replace
 
 ResamplingRule = Literal["area", "nearest"]  # largest under the cell's area, or at its centre
 V = TypeVar("V", bound=ValueGrid)
@@ -48,7 +46,7 @@ def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
 def check_values(grid: object) -> None:
     if not isinstance(grid, ValueGrid):
         rule, hint = "must be a map or a costmap", "edit the map, then run esdf or potential on it"
-        raise ParameterError(rule, place="grid", got=type(grid).__name__, hint=hint)
+        raise errors.ParameterError(rule, place="grid", got=type(grid).__name__, hint=hint)
 
 
 def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
@@ -153,7 +151,7 @@ def _wholly_inside(frame: Frame, source: Frame) -> Mask:
         corner = is_inside.reshape(-1, frame.width + 1)
         result[part] = corner[:-1, :-1] & corner[1:, :-1] & corner[:-1, 1:] & corner[1:, 1:]
 
-    for_rows(test_rows, frame.shape)
+    threads.for_rows(test_rows, frame.shape)
     return result
 
 
@@ -204,14 +202,14 @@ class FieldGrid(Framed):
                 object.__setattr__(part, "region", region)
         return part
 
-    def with_layer(self, layer: Layer) -> Self:
+    def with_layer(self, layer: blocks.Layer) -> Self:
         copy = super().with_layer(layer)
         copy.__dict__.pop("cropped", None)
         return copy
 
     def _find_region(self) -> None:
         """Detect the region from the layers; for lazy layers it must be known."""
-        if not is_lazy(self.layer):
+        if not blocks.is_lazy(self.layer):
             region = _box_of_numbers(self.layer, self.occupancy, self.layer_names[0])
             object.__setattr__(self, "region", region)
 
@@ -241,10 +239,10 @@ def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
         return grid
     place = region_on_lattice(frame, grid.frame)
     if place is None:
-        raise ParameterError("the cells of the two grids are not aligned", place="canvas")
+        raise errors.ParameterError("the cells of the two grids are not aligned", place="canvas")
     rows, cols = place.shared_with(frame.shape)
     if (rows.stop - rows.start, cols.stop - cols.start) != grid.shape:
-        raise ParameterError("does not contain the whole grid", place="canvas")
+        raise errors.ParameterError("does not contain the whole grid", place="canvas")
     values = grid.outside_values | ({} if fill is None else {grid.layer_names[0]: fill})
     layers = {name: padded(getattr(grid, name), frame.shape, place, value)
               for name, value in values.items()}  # fmt: skip
@@ -258,13 +256,13 @@ def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
     return extended
 
 
-def cut_out(layer: Layer, region: Region) -> Layer:
+def cut_out(layer: blocks.Layer, region: Region) -> blocks.Layer:
     cols = slice(region.col, region.col + region.width)
 
     def cut(rows: slice) -> Array:
         return layer[region.row + rows.start : region.row + rows.stop][:, cols]
 
-    return made_by_rows(layer, layer.dtype, cut, shape=(region.height, region.width))
+    return blocks.made_by_rows(layer, layer.dtype, cut, shape=(region.height, region.width))
 
 
 def embedded(values: Array, shape: tuple[int, int], region: Region, fill: float = np.nan) -> Array:
@@ -276,10 +274,10 @@ def embedded(values: Array, shape: tuple[int, int], region: Region, fill: float 
 
 
 def replaced(grid: G, **changes: Any) -> G:
-    return cast("G", replace(cast("Any", grid), **changes))
+    return cast("G", records.replace(cast("Any", grid), **changes))
 
 
-def padded(layer: Layer, shape: tuple[int, int], place: Region, fill: float) -> Layer:
+def padded(layer: blocks.Layer, shape: tuple[int, int], place: Region, fill: float) -> blocks.Layer:
     cols = slice(place.col, place.col + place.width)
 
     def make(rows: slice) -> Array:
@@ -290,7 +288,7 @@ def padded(layer: Layer, shape: tuple[int, int], place: Region, fill: float) -> 
             values[low - rows.start : high - rows.start, cols] = inner
         return values
 
-    return made_by_rows(layer, layer.dtype, make, shape=shape)
+    return blocks.made_by_rows(layer, layer.dtype, make, shape=shape)
 
 
 def _box_of_numbers(layer: Array, occupancy: SignedBytes, name: str) -> Region | None:
@@ -308,8 +306,8 @@ def _box_of_numbers(layer: Array, occupancy: SignedBytes, name: str) -> Region |
         known += int(np.count_nonzero((occupancy[band] != map_values.UNKNOWN) & ~numbers))
     region = Region.spanning(*has_number)
     if region is None:
-        raise ParameterError(f"{name} must not hold nan everywhere")
+        raise errors.ParameterError(f"{name} must not hold nan everywhere")
     if count != region.cells or known:
         rule = f"{name} may hold nan only around one box of numbers, where the map is unknown"
-        raise ParameterError(rule)
+        raise errors.ParameterError(rule)
     return region
