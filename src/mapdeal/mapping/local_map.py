@@ -128,7 +128,7 @@ class SeenCloud:
         self._frame = window.frame_in(lattice)
         self._with_beams = with_beams
         self._counts = np.zeros(6, dtype=np.int64)
-        self._angles = CoveredAngles()
+        self.angles = CoveredAngles()
         self._beyond_angle = 0
         self._marks, self._ends = np.zeros((2, 0), dtype=np.int64)
         self.is_hit = np.zeros(self._frame.shape, dtype=np.bool_)
@@ -143,7 +143,7 @@ class SeenCloud:
         if engine.engine_name() == "compiled" and not self._with_beams:
             is_placed = self._options.frame == "map"
             counts, from_robot = mark_cloud(points, self._rule(), self.is_hit, is_placed=is_placed)
-            self._angles.add(np.arctan2(from_robot[:, 1], from_robot[:, 0]))
+            self.angles.add(np.arctan2(from_robot[:, 1], from_robot[:, 0]))
             self._counts += counts
             return
         count = len(points)
@@ -163,7 +163,7 @@ class SeenCloud:
         beyond_range = int(len(near) - np.count_nonzero(near))
         from_robot, placed = from_robot[near], placed[near]
         away = (distance[near] > 0) & np.isfinite(distance[near])
-        self._angles.add(np.arctan2(from_robot[away, 1], from_robot[away, 0]))
+        self.angles.add(np.arctan2(from_robot[away, 1], from_robot[away, 0]))
         cells, inside = self._frame.bounded_rowcol_from_xy(placed)
         cells = cells[inside]
         self.is_hit[cells[:, 0], cells[:, 1]] = True
@@ -189,21 +189,10 @@ class SeenCloud:
         counts, count = CloudCounts(*self._counts.tolist()), self._beyond_angle
         return replace(counts, points=counts.points + count, beyond_angle=count)
 
-    @property
-    def angles(self) -> tuple[float, float] | None:
-        return self._angles.arc()
-
-    @property
-    def sensor(self) -> Integers:
-        return np.asarray(self._lattice.unbounded_rowcol_from_xy(self._sensor_xy())[0])
-
-    @property
-    def marks(self) -> Integers:
-        return _cells_from(self._marks)
-
-    @property
-    def ends(self) -> Integers:
-        return _cells_from(self._ends)
+    def cells(self) -> tuple[Integers, Integers, Integers]:
+        """Return the cell of the sensor, those in which beams end, and those with a point."""
+        sensor = self._lattice.unbounded_rowcol_from_xy(self._sensor_xy())[0]
+        return sensor, _cells_from(self._ends), _cells_from(self._marks)
 
     def _rule(self) -> tuple[float, ...]:
         """Return how points become cells, in the order of `_clouds.mark`."""
@@ -534,12 +523,13 @@ class LocalMapper:
         evidence = np.full(self._frame.shape, map_values.UNKNOWN, dtype=np.int8)
         if self._keeps_unknown:
             sightings = Sightings(self._window)
-            sightings.add(self._cloud.sensor, self._cloud.ends, np.empty((0, 2), np.int64))
+            sensor, ends, _ = self._cloud.cells()
+            sightings.add(sensor, ends, np.empty((0, 2), np.int64))
             evidence = sightings.evidence(self._window)
         evidence[self._cloud.is_hit] = map_values.OCCUPIED
         keeps = self._keeps_unknown
         grid, from_map = _joined(*self._known, evidence, self._frame, keeps_unknown=keeps)
-        return LocalMap(grid, self.pose, self._cloud.counts, from_map, self._cloud.angles)
+        return LocalMap(grid, self.pose, self._cloud.counts, from_map, self._cloud.angles.arc())
 
 
 class RollingMapper:
@@ -633,7 +623,7 @@ class RollingMapper:
         for points in parts:
             cloud.add(points)
         self._sightings.move(self._canvas(turn))
-        self._sightings.add(cloud.sensor, cloud.ends, cloud.marks)
+        self._sightings.add(*cloud.cells())
         self._was_added[turn] = True
         self._newest, self.turn = cloud, turn + 1
 
@@ -662,7 +652,7 @@ class RollingMapper:
         first = 0 if self._keep is None else max(0, self.turn - self._keep)
         clouds = int(np.count_nonzero(self._was_added[first : self.turn]))
         earlier, pose = self._sightings.count_earlier(window), self.poses[turn]
-        return LocalMap(grid, pose, newest.counts, from_map, newest.angles, clouds, earlier)
+        return LocalMap(grid, pose, newest.counts, from_map, newest.angles.arc(), clouds, earlier)
 
     def _next(self) -> int:
         count = len(self.poses)
