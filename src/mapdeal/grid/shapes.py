@@ -319,8 +319,7 @@ def _cells(frame: Frame, points: Sequence[Point], kind: str) -> list[polygons.Ce
 
 
 def _positions(frame: Frame, points: Sequence[Point]) -> list[tuple[float, float]]:
-    places: arrays.Floats = frame.continuous_rowcol_from_xy(points)
-    return [(row, col) for row, col in places.tolist()]
+    return [(row, col) for row, col in frame.continuous_rowcol_from_xy(points).tolist()]
 
 
 def _checked_cells(frame: Frame, length: float, place: str) -> float:

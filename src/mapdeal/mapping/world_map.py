@@ -361,8 +361,7 @@ class _Columns(NamedTuple):
         hides = (self.bottom[run] < z) & (z < self.top[run]) & (self.solid[run] != solid[whose])
         visible = np.bincount(whose[hides], minlength=len(points)) == 0
         below = np.flatnonzero(visible & (normal[:, 2] < -_DOWN) & self.closed[solid])
-        at = self._cells(points[below])
-        whose, run = _pairs_with_equal_keys(self.upper_cell, at)
+        whose, run = _pairs_with_equal_keys(self.upper_cell, self._cells(points[below]))
         gap = points[below[whose], 2] - self.upper[run]
         least = np.full(len(below), np.inf)
         is_over = gap > -_OUTWARDS

@@ -146,9 +146,7 @@ def _layer(place: str, item: object) -> CostmapLayer:
 
 def _parameters_of(kind: type[CostmapLayer]) -> dict[str, Parameter]:
     fields: Any = kind
-    parameters = dict(parameters_of(fields))
-    parameters.pop("name")
-    return parameters
+    return {name: own for name, own in parameters_of(fields).items() if name != "name"}
 
 
 structured(LayerList, accept_layers)
