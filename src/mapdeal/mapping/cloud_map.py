@@ -190,10 +190,8 @@ class CellContents:
     highest: NDArray[np.float32]  # by slab of height, (S, H, W)
     clearance: float
     noise: float
-    spacing: float  # metres between points on the floor
     column: float  # points in one cell of a thinned wall; inf for dense clouds
-    is_stated: bool
-    is_above_others: bool
+    level: Floor  # that the heights are relative to
 
 
 class CloudMapper:
@@ -233,7 +231,6 @@ class CloudMapper:
         self._scans: NDArray[np.int32] | None = None  # hits and passes by slab
         self._level: Floats | None = None  # unit vector that points up
         self.at_sensor = 0
-        self._floor: Floor | None = None
 
     def turn(self, tilt: Tilt) -> None:
         """Level all points added from now on by a known tilt."""
@@ -294,7 +291,6 @@ class CloudMapper:
             places = np.reshape(chosen, (-1, 3)) - corner
             at = None if options.at is None else np.array(options.at) - corner
             floor = floor_in(columns, tile, limits, places, at, self._claim)
-        self._floor = floor
         self._contents = self._measure(columns, floor, limits, follows_beams=follows_beams)
         return self._contents
 
@@ -373,8 +369,7 @@ class CloudMapper:
             highest.ravel()[at] = above  # the last, and so the highest voxel of a column stays
         return CellContents(
             frame, surface.astype(np.float32), slope, on_floor, below, points,
-            obstacles, highest, clear, noise, floor_found.spacing, column,
-            floor_found.is_stated, floor_found.is_above_others,
+            obstacles, highest, clear, noise, column, floor_found,
         )  # fmt: skip
 
     def clear(self, points: ArrayLike, place: ArrayLike) -> None:
@@ -444,11 +439,9 @@ class CloudMapper:
         MalformedInputError
             If the cloud is empty or has no floor.
         """
-        contents, floor_found = self.settle(), self._floor
-        options, voxels = self.options, self._voxels
-        assert floor_found is not None  # noqa: S101 - settled
+        contents, options, voxels = self.settle(), self.options, self._voxels
         up = None if self._level is None else float(self._level[2])
-        tilt = floor_found.tilt if up is None else math.acos(min(1.0, up))
+        tilt = contents.level.tilt if up is None else math.acos(min(1.0, up))
         counts = contents.obstacles.sum(axis=0, dtype=np.int32)
         highest, cleared = contents.highest.max(axis=0), 0
         passed = np.zeros(contents.frame.shape, np.bool_)
@@ -477,8 +470,8 @@ class CloudMapper:
         layers = {name: layer[part].copy() for name, layer in layers.items()}
         return CloudMap(
             grid, layers, voxels.points + self.at_sensor, voxels.not_finite, voxels.beyond,
-            math.degrees(tilt), contents.noise, contents.clearance, floor_found.overlaid_m2,
-            floor_found.storeys, floor_found.may_be_ceiling and options.up is None,
+            math.degrees(tilt), contents.noise, contents.clearance, contents.level.overlaid_m2,
+            contents.level.storeys, contents.level.may_be_ceiling and options.up is None,
             self.at_sensor, cleared,
         )  # fmt: skip
 
@@ -501,7 +494,7 @@ def _states(
     lower &= _around(contents.below) >= options.min_points
     _drop_lone(lower, contents.below, on_floor, 3 * options.min_points, math.inf)
     gap = math.floor(min(options.fill / contents.frame.resolution + 1e-6, max(floor.shape)))
-    if contents.is_above_others:  # the storey below shows through gaps between points
+    if contents.level.is_above_others:  # the storey below shows through gaps between points
         lower &= ~_closed(floor, max(gap, math.ceil(_ANY_GAP * _random_gap_cells(contents))))
     if options.drops == "occupied":
         occupied |= lower | (ledges(contents.floor, floor, contents.clearance) & floor)
@@ -510,9 +503,9 @@ def _states(
     for wide, mask in ((gap, may_be_floor), (3 * gap, passed & may_be_floor)):
         if wide and mask.any():
             floor |= _closed(floor, wide) & mask
-    if contents.is_stated:
+    if contents.level.is_stated:
         floor |= passed & may_be_floor
-    elif contents.spacing > _SPARSE * contents.frame.resolution:
+    elif contents.level.spacing > _SPARSE * contents.frame.resolution:
         wide = math.ceil(_random_gap_cells(contents))
         beside = _around(occupied.astype(np.int32)) > 0  # their points may be feet of walls
         between = components.labelled(_closed(floor | occupied, wide) & may_be_floor, corners=False)
@@ -521,7 +514,7 @@ def _states(
 
 
 def _random_gap_cells(contents: CellContents) -> float:
-    return _GAP_OF_SPARSE * contents.spacing / contents.frame.resolution
+    return _GAP_OF_SPARSE * contents.level.spacing / contents.frame.resolution
 
 
 def _drop_lone(
