@@ -15,7 +15,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels import blocks, lookup
 from mapdeal.kernels.arrays import Floats
 from mapdeal.kernels.distance import squares_between_cells
-from mapdeal.records import dataclass, field, replace
+from mapdeal.records import dataclass, field
 
 UNIFORM_SHARE = 0.98  # of the open cells with one cost, above which a costmap is uniform
 _NAMED_COSTS: dict[map_values.CostScale, dict[str, int]] = {
@@ -120,9 +120,6 @@ class Costmap(frame.ValueGrid):
     def unknown_value(self) -> int:
         """Value of an unknown cell: 255, or -1 on scale ``occupancy``."""
         return map_values.NO_INFORMATION if self.scale == "costmap2d" else map_values.UNKNOWN
-
-    def _with_values(self, values: NDArray[Any], origin: frame.Origin) -> Costmap:
-        return replace(self, cost=values, origin=origin)
 
     def to_occupancy(self) -> OccupancyGrid:
         """Return the costs as ROS publishes them in a ``nav_msgs/OccupancyGrid``.

@@ -15,7 +15,7 @@ from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text, numbers_text
 from mapdeal.kernels import blocks, lookup, threads
 from mapdeal.kernels.arrays import Floats
-from mapdeal.records import dataclass, replace
+from mapdeal.records import dataclass
 
 _POINTS_AT_ONCE = 1 << 13  # their arrays stay in the processor's cache
 View = Literal["metric", "per-map"]
@@ -319,9 +319,6 @@ class FieldView(OccupancyGrid):
 
     kind = "view of a distance field"
     scale: ViewScale = ViewScale()
-
-    def _with_values(self, values: NDArray[Any], origin: frames.Origin) -> FieldView:
-        return replace(self, occupancy=values, origin=origin)
 
     def as_map(self) -> OccupancyGrid:
         return OccupancyGrid(self.occupancy, self.resolution, self.origin)

@@ -20,7 +20,7 @@ from mapdeal.grid.values import OneLineRepr, OverlayType, numbers_text
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
 from mapdeal.kernels.polygons import Spans, paint
-from mapdeal.records import dataclass
+from mapdeal.records import dataclass, replace
 
 CELL_TOLERANCE = 1e-9  # cells: a length divided by the resolution may be off by 1e-16 of itself
 RADIUS_TOLERANCE = 1e-9  # metres: 6 * 0.05 and 0.3 differ in their last bits
@@ -851,10 +851,8 @@ class ValueGrid(Framed):
         shape = values.shape if is_lazy(values) else np.shape(values)
         rule = f"must have the shape of the grid, {self.shape}, unless an origin is given"
         require(origin is not None or shape == self.shape, rule, "values", got=shape)
-        return cast("Self", self._with_values(values, origin or self.origin))
-
-    @abstractmethod
-    def _with_values(self, values: NDArray[Any], origin: Origin) -> Any: ...
+        changes: dict[str, Any] = {self.layer_names[0]: values, "origin": origin or self.origin}
+        return cast("Self", replace(cast("Any", self), **changes))
 
     def painted(
         self, strokes: Iterable[tuple[Spans, int | NDArray[np.int64]]], overlay: OverlayType = "seq"

@@ -80,9 +80,6 @@ class OccupancyGrid(ValueGrid):
         cmap = library("matplotlib").colormaps["gray_r"].with_extremes(bad="lightsteelblue")
         return {"cmap": cmap, "vmin": FREE, "vmax": OCCUPIED}
 
-    def _with_values(self, values: NDArray[Any], origin: Origin) -> OccupancyGrid:
-        return OccupancyGrid(values, self.resolution, origin)
-
     def amcl_states(self) -> NDArray[np.int8]:
         """Return amcl's view of the map: -1 free, +1 occupied, 0 unknown; int8, shape (H, W).
 
@@ -126,6 +123,10 @@ class CloudLayers(OccupancyGrid):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._freeze(**{name: getattr(self, name) for name in self.layer_names})
+
+    def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Any:
+        grid = OccupancyGrid(self.occupancy, self.resolution, self.origin)
+        return grid.with_values(values, origin)  # the other layers may not fit
 
 
 def occupancy_figures(counts: NDArray[np.int64]) -> Figures:
