@@ -15,7 +15,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import NO_INFORMATION, UNKNOWN, CostScale, cost_from_occupancy
 from mapdeal.kernels import lookup, threads
 from mapdeal.kernels.arrays import Array, Integers
-from mapdeal.layers.layer import CostmapLayer, MasterGrid, Nav2Values, PluginEntry
+from mapdeal.layers.layer import CostmapLayer, MasterGrid
 
 CellsAt = Callable[[slice], tuple[Integers, Integers]]
 """Function that returns the mask's row and column below each cell in rows of a costmap."""
@@ -47,10 +47,6 @@ class KeepoutFilter(CostmapLayer):
 
     def effect(self) -> str:
         return "raises costs to those of a keepout mask (--mask)"
-
-    @classmethod
-    def from_nav2(cls, values: Nav2Values, entry: PluginEntry) -> KeepoutFilter:
-        return cls(entry.name)
 
 
 class MaskCosts:
