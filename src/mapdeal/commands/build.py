@@ -601,7 +601,7 @@ def build_map_from_clouds(
     size, origin : tuple of float, optional
         Extent and lower left corner of the map, metres; by default what contains all that is known.
     range_min : float
-        Floats nearer to the sensor are left out, metres, as are those at the sensor itself.
+        Points nearer to the sensor are left out, metres, as are those at the sensor itself.
     max_memory, threads
         As for `run`.
     **options
