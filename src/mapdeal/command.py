@@ -31,7 +31,6 @@ from numpy.typing import ArrayLike
 
 from mapdeal import errors
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.grid import canvas, costmap, frame
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -191,8 +190,8 @@ class Parameter:
             raise self._error(", ".join(rules), value)
         return int(number) if kind is int else number
 
-    def _error(self, rule: str, value: object) -> ParameterError:
-        return ParameterError(f"must be {rule}", place=self.key, got=value)
+    def _error(self, rule: str, value: object) -> errors.ParameterError:
+        return errors.ParameterError(f"must be {rule}", place=self.key, got=value)
 
 
 def is_plain(value: object) -> bool:
@@ -246,12 +245,12 @@ def accept_parameters(
             raise unknown_parameter(name, known, owner)
         try:
             values[name] = known[name].accept(value)
-        except ParameterError as error:
+        except errors.ParameterError as error:
             error.place = f"{owner}.{error.place or name}"
             raise
     for name, parameter in known.items():
         if parameter.is_required and name not in values_by_name:
-            raise ParameterError("is required", place=f"{owner}.{name}")
+            raise errors.ParameterError("is required", place=f"{owner}.{name}")
     return values
 
 
@@ -259,17 +258,17 @@ def accepted_by(function: Callable[..., Any], values: Mapping[str, object]) -> d
     return accept_parameters(parameters_of(function), values, function.__name__)
 
 
-def unknown_parameter(name: str, known: Iterable[str], owner: str) -> ParameterError:
+def unknown_parameter(name: str, known: Iterable[str], owner: str) -> errors.ParameterError:
     error = unknown_name("parameter", name, known)
-    return ParameterError(error.rule, place=f"{owner}.{name}", hint=error.hint)
+    return errors.ParameterError(error.rule, place=f"{owner}.{name}", hint=error.hint)
 
 
 def unknown_name(
     noun: str, name: object, known: Iterable[str], *, place: str | None = None
-) -> ParameterError:
+) -> errors.ParameterError:
     names = list(known)
     hint = errors.nearest_hint(str(name), names) or f"known: {', '.join(names)}"
-    return ParameterError(f"no such {noun}", place=place, got=name, hint=hint)
+    return errors.ParameterError(f"no such {noun}", place=place, got=name, hint=hint)
 
 
 def _is_supported(kind: Any) -> bool:
@@ -314,7 +313,7 @@ def _footprint(_: str, value: object) -> Footprint:
         return Footprint.circle(radius.accept(value["radius"]))
     rule = "must look like [[x1, y1], [x2, y2], ...] or {radius: R}"
     hint = _ROUND if isinstance(value, Real) else None
-    raise ParameterError(rule, place="footprint", got=value, hint=hint)
+    raise errors.ParameterError(rule, place="footprint", got=value, hint=hint)
 
 
 _STRUCTURED: dict[Any, Callable[[str, object], Any]] = {Footprint: _footprint}
@@ -506,7 +505,7 @@ class Result(Drawn):
 
     def drawn(self, **_: Any) -> Any:
         """Return the picture that `draw_picture` draws, with its options."""
-        raise ParameterError("has no picture", place=type(self).__name__.lower())
+        raise errors.ParameterError("has no picture", place=type(self).__name__.lower())
 
     def write(self, transaction: Any, output: Path) -> None:
         """Write the output of ``-o``: by default the document."""
@@ -644,9 +643,9 @@ def check_one_of(parameters: Parameters, name: str, alternative: str) -> Paramet
     values = parameters[name], parameters[alternative]
     count = sum(value is not None and value is not False for value in values)
     if count == 0:
-        raise ParameterError("one of the two is required", place=f"{name}, {alternative}")
+        raise errors.ParameterError("one of the two is required", place=f"{name}, {alternative}")
     if count == 2:
-        raise ParameterError(f"cannot be given together with {alternative}", place=name)
+        raise errors.ParameterError(f"cannot be given together with {alternative}", place=name)
     return {}
 
 
@@ -687,7 +686,7 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
         }
         first, grid = next(iter(bound.arguments.items()))
         accepted.pop(first, None)
-        error = partial(ParameterError, source=function.__name__)
+        error = partial(errors.ParameterError, source=function.__name__)
         if hint := grid_hint(grid):
             raise error(f"{first} must be a grid", got=grid, hint=hint)
         if is_cropped and not isinstance(grid, accepted_types()):
@@ -730,7 +729,7 @@ def _types_checked(function: Callable[..., Any], bound: inspect.BoundArguments) 
     """Make an error from an argument of a wrong type a `ParameterError` about the argument."""
     try:
         yield
-    except MapdealError:
+    except errors.MapdealError:
         raise
     except (TypeError, AttributeError, ValueError):
         hints, name = hints_of(function), function.__name__
@@ -807,7 +806,7 @@ def _bound(name: str, signature: inspect.Signature, args: tuple[Any, ...],
         hint = f"further arguments are named, as {by_name[0]}=..."
         if "Sequence[" in str(positional[0].annotation):
             hint = f"pass one list: {name}([a, b])"
-    raise ParameterError(text, source=f"{name}()", hint=hint)
+    raise errors.ParameterError(text, source=f"{name}()", hint=hint)
 
 
 _ROUND = "footprint=mapdeal.Footprint.circle(0.2) is a round robot"
@@ -833,7 +832,7 @@ def _check_type(value: object, hint: Any, function: str, name: str) -> None:
     kind = getattr(kind, "__bound__", None) or kind  # of a TypeVar
     if isinstance(kind, TypeVar) or kind in (Any, object):
         return
-    error = partial(ParameterError, source=function, place=name)
+    error = partial(errors.ParameterError, source=function, place=name)
     if value is None and not is_optional:
         raise error("must not be None")
     if get_origin(kind) is AbcSequence and not (value is None or hasattr(value, "__len__")):

@@ -140,9 +140,7 @@ def replace_search(monkeypatch, *, same_place):
     """Return the list of pairs of maps that the replaced search is asked to align."""
     found = types.SimpleNamespace(same_place=same_place, transform=STEP, reason="another fits")
     pairs = []
-    monkeypatch.setattr(
-        "mapdeal.commands.merge.placed_on", lambda *pair: pairs.append(pair) or found
-    )
+    monkeypatch.setattr("mapdeal.compare.align.placed", lambda *pair: pairs.append(pair) or found)
     return pairs
 
 

@@ -16,7 +16,6 @@ import typer
 
 from mapdeal import command as definitions, errors, records
 from mapdeal.cli import options as opt, terminal
-from mapdeal.cli.terminal import DASH
 from mapdeal.command import Command, Output, Parameter, Result, Stage, Words
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
@@ -227,7 +226,7 @@ def _shell_function(definition: Command) -> Any:
         as_json = values.pop("as_json", False)
         output = values.get("output")
         if definition.json == "default":
-            if output == DASH:
+            if output == terminal.DASH:
                 output, as_json = None, True
                 values["output"] = None
             as_json = as_json or (output is None and not terminal.has_reader())

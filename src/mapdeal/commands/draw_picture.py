@@ -15,11 +15,9 @@ from mapdeal import errors, records
 from mapdeal.commands import diff, merge
 from mapdeal.commands.score import Score
 from mapdeal.files.transaction import Transaction
-from mapdeal.grid import field, values
+from mapdeal.grid import field, footprint, reach, values
 from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.costmap import CostCurve
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.reach import Route
 from mapdeal.mapping.build import BuiltMap
 from mapdeal.mapping.local_map import LocalMap
 from mapdeal.mapping.transforms import check_pose
@@ -89,8 +87,8 @@ class Picture(values.OneLineRepr):
 
 
 def draw_picture(
-    shown: Drawable, *, title: str | None = None, route: Route | None = None,
-    pose: Sequence[float] | None = None, robot: Footprint | None = None,
+    shown: Drawable, *, title: str | None = None, route: reach.Route | None = None,
+    pose: Sequence[float] | None = None, robot: footprint.Footprint | None = None,
     image_max: int = overlay.DEFAULT_IMAGE_MAX,
     image_extent: overlay.ImageExtent = overlay.DEFAULT_EXTENT,
 ) -> Picture:  # fmt: skip
@@ -136,10 +134,10 @@ def draw_picture(
     look: Any = {"image_max": settings.image_max, "image_extent": settings.image_extent}
     if title is not None and not isinstance(title, str):
         raise errors.ParameterError("must be a text", place="title", got=title)
-    if route is not None and not isinstance(route, Route):
+    if route is not None and not isinstance(route, reach.Route):
         hint = "mapdeal.route returns one"
         raise errors.ParameterError("must be a Route", place="route", got=route, hint=hint)
-    if robot is not None and not isinstance(robot, Footprint):
+    if robot is not None and not isinstance(robot, footprint.Footprint):
         raise errors.ParameterError("must be a Footprint", place="robot", got=robot)
     for kind, name in _NOTHING_OVER.items():
         if isinstance(shown, kind) and (route is not None or pose is not None or robot is not None):
@@ -162,8 +160,8 @@ def draw_picture(
 
 def write_picture(
     path: str | PathLike[str], shown: Drawable | Picture, *, title: str | None = None,
-    route: Route | None = None, pose: Sequence[float] | None = None, robot: Footprint | None = None,
-    image_max: int = overlay.DEFAULT_IMAGE_MAX,
+    route: reach.Route | None = None, pose: Sequence[float] | None = None,
+    robot: footprint.Footprint | None = None, image_max: int = overlay.DEFAULT_IMAGE_MAX,
     image_extent: overlay.ImageExtent = overlay.DEFAULT_EXTENT, force: bool = False,
 ) -> None:  # fmt: skip
     """Write a picture of a grid, a result or a cost curve as a PNG.

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from mapdeal import errors, records
 from mapdeal.command import AT_LEAST_0, METRES, OnlyInPython, Output, Result, Words, command
 from mapdeal.commands import two_maps
-from mapdeal.compare import merge as merging
-from mapdeal.compare.align import bytes_to_align, placed as placed_on
+from mapdeal.compare import align, merge as merging
 from mapdeal.compatibility import Unpack
 from mapdeal.files.source import bytes_of_lines, claim, holding
 from mapdeal.grid import occupancy, values
@@ -356,7 +355,7 @@ def _by_walls(
 ) -> list[Transform | None]:
     # A map that overlaps the first one too little is aligned with another map that is placed.
     cells = [grid.frame.height * grid.frame.width for grid in grids]
-    claim(maps[0].name, bytes_to_align(sorted(cells)[-2:]), what="maps that are aligned")
+    claim(maps[0].name, align.bytes_to_align(sorted(cells)[-2:]), what="maps that are aligned")
     from_first = {0: Transform()}
     reasons: dict[int, str] = {}
     bases = [0]
@@ -367,7 +366,7 @@ def _by_walls(
                 if number in from_first:
                     break
                 with inputs.errors_named(maps[number].name):
-                    alignment = placed_on(grids[base], grids[number])
+                    alignment = align.placed(grids[base], grids[number])
                 if alignment.same_place:
                     from_first[number] = alignment.transform.after(from_first[base])
                 else:

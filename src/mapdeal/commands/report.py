@@ -21,8 +21,6 @@ from mapdeal.commands.plan import PlanGoal, check_map, planner_of, pose_of, repo
 from mapdeal.commands.plan_changes import PlannerOnMap
 from mapdeal.commands.report_entries import Draft, Grids, Opened
 from mapdeal.files import json_values, source
-from mapdeal.files.json_values import JsonValue, encode_json
-from mapdeal.files.source import exists, holding
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid import filters, occupancy, values
 from mapdeal.grid.footprint import Footprint
@@ -107,8 +105,8 @@ class RunChecks:
             limits: Any = {k: getattr(self.settings, k) for k in ("max_cells", "max_memory")}
             return lint(paths, footprint=self._shape, **limits)
 
-        document = json.loads(encode_json(copy_context().run(linted).document()))
-        return documents.results_of(JsonValue(Path("lint"), document))
+        document = json.loads(json_values.encode_json(copy_context().run(linted).document()))
+        return documents.results_of(json_values.JsonValue(Path("lint"), document))
 
     def reachability(self, path: Path) -> reach.Reachability:
         source = map_input(read_input(path, self.settings), path, self.settings)
@@ -126,7 +124,7 @@ class RunChecks:
         work = PlannerOnMap(source, self.robot, *planner_of(self.robot, None), mask, up_to_kilted)
         goals = [PlanGoal(goal.x, goal.y, name=goal.name) for goal in self.goals]
         plans = report_on(work, pose_of(self.start, "start"), goals, has_changes=False)
-        results = documents.results_of(JsonValue(path, plans.document()))
+        results = documents.results_of(json_values.JsonValue(path, plans.document()))
         items = [item for item in results.items if item.kind == "route" or item.tone == "error"]
         return records.replace(results, items=items)
 
@@ -154,7 +152,7 @@ class RunChecks:
             return
         texts: list[str] = []
         try:
-            with adding_warnings(texts), holding(grid_bytes):
+            with adding_warnings(texts), source.holding(grid_bytes):
                 found = self.reachability(path).reach
                 plans = self.plans(path)
         except errors.MapdealError as error:
@@ -167,7 +165,7 @@ class RunChecks:
             draft.claims.append(Claim("goals", state, documents.short(errors.one_line(words))))
             return
         draft.warn(texts, [path])
-        draft.add(documents.results_of(JsonValue(path, reach_document(found))))
+        draft.add(documents.results_of(json_values.JsonValue(path, reach_document(found))))
         if plans is not None:
             (table,) = plans.tables
             command = draft.next_command(self.settings, plans.claims)
@@ -339,7 +337,7 @@ def page_in(folder: Path) -> Path:
     page, verdict = folder / _PAGE, folder / VERDICT
     marks = {page: ("page", _GENERATOR), verdict: ("verdict", _VERDICT_FORMAT.encode())}
     for path, (noun, mark) in marks.items():
-        if exists(path) and mark not in source.head_of(path, _HEAD):
+        if source.exists(path) and mark not in source.head_of(path, _HEAD):
             rule = f"exists, and is not a {noun} written by mapdeal"
             raise errors.FileAccessError(rule, source=path, hint="move it: --report writes there")
     return page
@@ -386,7 +384,7 @@ def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | N
     source.status_of(folder)
     if not source.is_folder(folder):
         return None
-    if exists(folder / build.DOCUMENT):
+    if source.exists(folder / build.DOCUMENT):
         return [entries.methods_in(folder, grids)] if _is_first(folder, known) else []
     found = entries.runs_in(folder)
     if found is None:

@@ -13,9 +13,8 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import FREE, OCCUPIED, Convention
-from mapdeal.kernels.arrays import Bytes, Floats, Integers
+from mapdeal.kernels import arrays, outlines
 from mapdeal.kernels.blocks import Layer, counts_of, mapped
-from mapdeal.kernels.outlines import outlines
 from mapdeal.pictures import colours, styles
 from mapdeal.pictures.styles import FieldEnds
 from mapdeal.records import dataclass, field, replace
@@ -57,7 +56,7 @@ class PageLayer:
     style: colours.LayerStyle
     unit: str = ""
     pooled: Literal["largest", "smallest"] = "largest"
-    rank: Bytes | None = None
+    rank: arrays.Bytes | None = None
     states: str | None = None
     convention: Convention | None = None
     lethal_threshold: int = 100
@@ -84,7 +83,7 @@ class Item:
     text: str
     tone: Tone = "plain"
     place: tuple[float, float] | None = None
-    lines: tuple[Floats, ...] = ()
+    lines: tuple[arrays.Floats, ...] = ()
     label: str = ""
     group: str = ""
     zone: Zone | None = None
@@ -235,11 +234,11 @@ _KINDS: dict[type[Any], tuple[LayerKind, ...]] = {
 }  # fmt: skip
 
 
-def outlines_of(cells: Integers, frame: Frame) -> list[Floats]:
+def outlines_of(cells: arrays.Integers, frame: Frame) -> list[arrays.Floats]:
     """Return the borders of cells, shape (N, 2), each line closed, corners in metres."""
     low = cells.min(axis=0)
     marked = np.zeros(tuple(cells.max(axis=0) - low + 1), dtype=np.bool_)
     marked[tuple((cells - low).T)] = True
-    found = outlines(marked, 0.0)
+    found = outlines.outlines(marked, 0.0)
     points = frame.xy_from_continuous_rowcol(found.corners + low)
     return [np.vstack([line, line[:1]]) for line in np.split(points, found.ring_ends[:-1])]
