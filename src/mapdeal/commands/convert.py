@@ -11,7 +11,7 @@ import numpy as np
 from mapdeal.bags.bag import BAG_OUTPUTS, bag_paths
 from mapdeal.command import AT_LEAST_0, METRES, Condition, Output, Result, Words, command
 from mapdeal.commands.pack import GridResult
-from mapdeal.commands.reach import start_of
+from mapdeal.commands.reach import RobotOption, StartOption
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
@@ -20,17 +20,13 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_text
 from mapdeal.kernels import arrays, outlines
-from mapdeal.maps import exports, kinds, map_file
-from mapdeal.maps.dialects import Mode
+from mapdeal.maps import dialects, exports, kinds, map_file, map_server, reading
 from mapdeal.maps.formats import or_other_formats, output_format
-from mapdeal.maps.map_server import Encoding, in_trinary
 from mapdeal.maps.npz import Grid
-from mapdeal.maps.reading import Source, as_occupancy, output_paths, write_grid
 from mapdeal.pictures.overlay import TrajectoriesOverlay
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.records import dataclass
-from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.esdf import field_view
 from mapdeal.stages.reach import reach
 
@@ -63,10 +59,9 @@ class Written(Result):
 
 
 def convert_area(
-    source: Path, read: Source, output: Path, transaction: Transaction, *,
+    source: Path, read: reading.Source, output: Path, transaction: Transaction, *,
     of: exports.Area | None = None, tolerance: Annotated[float, AT_LEAST_0, METRES] | None = None,
-    start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
-    footprint: Footprint | None = None,
+    start: StartOption = None, footprint: Footprint | None = None,
 ) -> Written:  # fmt: skip
     """Write the outlines of areas of a map.
 
@@ -83,7 +78,7 @@ def convert_area(
     footprint : Footprint, optional
         The robot's shape.
     """
-    grid = as_occupancy(read.grid, source)
+    grid = reading.as_occupancy(read.grid, source)
     most = outlines.MOST_TOLERANCE * grid.resolution
     tolerance = most if tolerance is None else tolerance
     if tolerance > most * (1 + 1e-9):
@@ -130,7 +125,7 @@ def convert_area(
 
 
 def convert_world(
-    source: Path, read: Source, output: Path, transaction: Transaction, *,
+    source: Path, read: reading.Source, output: Path, transaction: Transaction, *,
     wall_height: Annotated[float, _HEIGHT, METRES] = 2.0,
     unknown: Literal["free", "occupied"] = "free",
 ) -> Written:  # fmt: skip
@@ -143,7 +138,7 @@ def convert_world(
     unknown : {'free', 'occupied'}
         Whether unknown cells are left out or are walls.
     """
-    grid = as_occupancy(read.grid, source)
+    grid = reading.as_occupancy(read.grid, source)
     values = np.asarray(grid.occupancy)
     walls = values == OCCUPIED
     if unknown == "occupied":
@@ -208,8 +203,8 @@ def convert(
     index: Annotated[int | None, Words("N")] = None,
     takes_all: Annotated[bool, Words(name="all")] = False, read_as: ReadAs | None = None,
     frame_id: Annotated[str | None, Words("FRAME")] = None, encoding: Scale | None = None,
-    mode: Mode | None = None, static_layer: bool = False, footprint: Footprint | None = None,
-    robot: Annotated[RobotParameters | None, Words()] = None, **more: Any,
+    mode: dialects.Mode | None = None, static_layer: bool = False,
+    footprint: Footprint | None = None, robot: RobotOption = None, **more: Any,
 ) -> GridResult | Written:  # fmt: skip
     """Convert a map to another format or scale, from or to a bag, to polygons or to a world.
 
@@ -264,7 +259,7 @@ def convert(
     elif ending in SHAPE_ENDINGS:
         work.outputs.append(output)
     elif not takes_all:
-        work.outputs += output_paths(output, (*SHAPE_ENDINGS, *BAG_OUTPUTS))
+        work.outputs += reading.output_paths(output, (*SHAPE_ENDINGS, *BAG_OUTPUTS))
     if not reads_bag:
         inputs.refuse("applies to reading bags", index=index, read_as=read_as)
     if not writes_bag:
@@ -273,7 +268,8 @@ def convert(
         inputs.refuse("applies to bags", topic=topic)
     if takes_all:
         inputs.refuse(not_with_all, index=index)
-        return _convert_all(source, output, topic, read_as, cast("Encoding | None", encoding), work)
+        of_maps = cast("map_server.Encoding | None", encoding)
+        return _convert_all(source, output, topic, read_as, of_maps, work)
     if writes_bag:
         inputs.refuse("applies to pixels, not to bags", mode=mode)
     if static_layer and encoding != "costmap2d":
@@ -311,13 +307,14 @@ def convert(
     if isinstance(grid, FieldView) and mode not in (None, "raw"):
         grid = grid.as_map()
     if isinstance(grid, OccupancyGrid) and mode == "trinary":
-        grid = in_trinary(grid)
+        grid = map_server.in_trinary(grid)
     states = None
     if encoding == "amcl" and isinstance(grid, OccupancyGrid):
         states = {"amcl": grid.amcl_states()}
-    scale: Encoding = "costmap2d" if encoding == "costmap2d" else "occupancy"
-    write_grid(transaction, output, grid, mode=mode, encoding=scale, more=states, painted=painted,
-               extra=dict(read.metadata.extra) if read.metadata else {})  # fmt: skip
+    scale: map_server.Encoding = "costmap2d" if encoding == "costmap2d" else "occupancy"
+    extra = dict(read.metadata.extra) if read.metadata else {}
+    written: Any = {"encoding": scale, "more": states, "painted": painted, "extra": extra}
+    reading.write_grid(transaction, output, grid, mode=mode, **written)
     return GridResult(grid, source.stem, overlay=overlay)
 
 
@@ -340,7 +337,7 @@ def _convert_poses_to_tum(source: Path, output: Path, work: inputs.Work) -> Writ
 
 def _convert_all(
     path: Path, folder: Path, topic: str | None, read_as: ReadAs | None,
-    encoding: Encoding | None, work: inputs.Work,
+    encoding: map_server.Encoding | None, work: inputs.Work,
 ) -> Written:  # fmt: skip
     """Write all maps or costmaps of a topic into a folder: 0000.yaml, 0001.yaml and so on."""
     from mapdeal.pipeline.bag_maps import GridTopic, from_bag  # not loaded for maps
@@ -348,18 +345,18 @@ def _convert_all(
     with from_bag(path, GridTopic, topic, read_as) as found:
         digits = max(4, len(str(len(found) - 1)))
         names = [folder / f"{number:0{digits}}.yaml" for number in range(len(found))]
-        work.outputs += [path for name in names for path in output_paths(name)]
+        work.outputs += [path for name in names for path in reading.output_paths(name)]
         transaction = work.begin(found.files)
         with work.counted(len(found)) as advance:
             for number, name in enumerate(names):
                 grid = _converted(found.read(number), encoding, None)
-                write_grid(transaction, name, grid, encoding=encoding or "occupancy")
+                reading.write_grid(transaction, name, grid, encoding=encoding or "occupancy")
                 transaction.wait()
                 advance(1)
         return Written(folder, {"count": len(found)}, f"{len(found)} of {path}")
 
 
-def _read_bag(path: Path, topic: str | None, index: int, read_as: ReadAs | None) -> Source:
+def _read_bag(path: Path, topic: str | None, index: int, read_as: ReadAs | None) -> reading.Source:
     from mapdeal.pipeline.bag_maps import GridTopic, from_bag  # not loaded for maps
 
     with from_bag(path, GridTopic, topic, read_as) as found:
@@ -368,7 +365,7 @@ def _read_bag(path: Path, topic: str | None, index: int, read_as: ReadAs | None)
         map_file.warn_of_cost_figures(path, grid.figures())
     else:
         map_file.warn_of_nothing_known(path, grid.occupancy, has_pixels=False)
-    return Source(grid, files)
+    return reading.Source(grid, files)
 
 
 def _write_bag(

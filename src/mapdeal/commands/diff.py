@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal import command as definitions, records
-from mapdeal.command import AT_LEAST_0, CELLS, METRES, PERCENT, POSE, Result, Words
+from mapdeal.command import AT_LEAST_0, CELLS, METRES, PERCENT, Result, Words
 from mapdeal.commands import two_maps
-from mapdeal.commands.reach import COSTS_PER_CELL, goals_in, goals_of, reach_on_input, start_of
+from mapdeal.commands.reach import COSTS_PER_CELL, StartOption, goals_in, goals_of, reach_on_input
 from mapdeal.compare import difference, score as scoring
-from mapdeal.compare.difference import Bound, CostDifference, Difference, WallShift, frame_around
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import COST_DIFF_FORMAT, ROBOT_DIFF_FORMAT
@@ -53,7 +52,7 @@ _WORDS = {"closed": "now 253 or more", "opened": "no longer 253 or more", "unkno
 
 
 @records.dataclass(frozen=True, eq=False, repr=False)
-class DiffReport(Difference, Result):
+class DiffReport(difference.Difference, Result):
     """Differences between two maps, A and B.
 
     Parameters
@@ -91,7 +90,7 @@ class DiffReport(Difference, Result):
         Faults of B, taking A as the truth, as in `score`; the worst first.
     """
 
-    bounds: tuple[Bound, ...]
+    bounds: tuple[difference.Bound, ...]
     maps: tuple[inputs.MapInput, inputs.MapInput]
     transform: Transform | None = None
     faults: tuple[scoring.Fault, ...] = ()
@@ -194,7 +193,7 @@ class DiffReport(Difference, Result):
                 yield f"directed Hausdorff distance {name}: {shift.largest:.4g} m"
 
 
-def _shift_text(name: str, shift: WallShift | None) -> str:
+def _shift_text(name: str, shift: difference.WallShift | None) -> str:
     if shift is None:
         return f"{name}: no obstacles"
     text = f"directed Hausdorff distance {name}: {shift.largest:.4g} m; 95 % within "
@@ -299,7 +298,7 @@ def change_text(change: difference.CostChange) -> str:
     return f"{text}; {count_text(change.regions, 'region')}, the largest {change.largest[0].place}"
 
 
-def costs_document(found: CostDifference) -> dict[str, Any]:
+def costs_document(found: difference.CostDifference) -> dict[str, Any]:
     return {
         "cost_scale": found.scale, "common_cells": found.common_cells,
         "differing": found.differing,
@@ -320,7 +319,7 @@ def costs_document(found: CostDifference) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def costs_lines(found: CostDifference) -> Iterator[str]:
+def costs_lines(found: difference.CostDifference) -> Iterator[str]:
     counts = f"{found.common_cells} cells in both, {found.differing} differ"
     yield f"  costs     {counts} ({decimal_text(found.differing * found.frame.resolution**2)} m2)"
     for kind, change in found.changes.items():
@@ -328,19 +327,19 @@ def costs_lines(found: CostDifference) -> Iterator[str]:
             yield f"  {kind:<9} {change_text(change)}"
 
 
-def costs_image(found: CostDifference, *, title: str, **look: Any) -> Image:
+def costs_image(found: difference.CostDifference, *, title: str, **look: Any) -> Image:
     style = cost_change_style()
     return difference_image(change_codes(found), found.frame, title=title, style=style, **look)
 
 
-def change_codes(found: CostDifference) -> Any:
+def change_codes(found: difference.CostDifference) -> Any:
     return cost_change_codes(found.first_costs, found.second_costs, found.is_common, found.masks)
 
 
 @records.dataclass(frozen=True, eq=False, repr=False)
 class CostmapDiff(Result):
-    costs: CostDifference
-    bounds: tuple[Bound, ...]
+    costs: difference.CostDifference
+    bounds: tuple[difference.Bound, ...]
     maps: Sequence[inputs.MapInput]
     transform: Transform | None = None
 
@@ -389,7 +388,7 @@ def costmaps_compared(
         rule = "has costs on the occupancy scale: both are compared as ROS publishes them"
         emit_warning(f"{maps[first.scale == 'costmap2d'].name}: {rule}")
     with inputs.errors_named(maps[1].name):
-        frame = frame_around(first.frame, second.frame)
+        frame = difference.frame_around(first.frame, second.frame)
         size = f"{frame.width} x {frame.height} cells"
         needed = _COST_LIBRARIES + _PER_COST_CELL * frame.height * frame.width
         needed += bytes_of_lines(frame.shape, _PER_COST_LINE)
@@ -400,9 +399,9 @@ def costmaps_compared(
         claim_with(0)
         with threads.tables_claimed(claim_with):
             found = difference.compare_costmaps(first, second)
-    bounds: tuple[Bound, ...] = ()
+    bounds: tuple[difference.Bound, ...] = ()
     if max_differing is not None:
-        bounds = (Bound.on_share(max_differing, found.differing, found.common_cells),)
+        bounds = (difference.Bound.on_share(max_differing, found.differing, found.common_cells),)
     two_maps.warn_of_uncovered(maps, bounds, found.not_compared)
     return CostmapDiff(found, bounds, maps, move)
 
@@ -436,7 +435,7 @@ class RobotDiff(Result):
     map: inputs.MapInput
     robots: tuple[RobotParameters, RobotParameters]
     parameters: dict[str, Pair]
-    costs: CostDifference
+    costs: difference.CostDifference
     costmaps: tuple[costmap.Costmap, costmap.Costmap]
     reaches: tuple[Reach, Reach]
     closed: tuple[Passage, ...]
@@ -537,7 +536,7 @@ def value_text(value: Any) -> str:
 
 def compare_robots(
     map: inputs.Map, first: RobotParameters, second: RobotParameters, *,  # noqa: A002 - what it is
-    start: Annotated[tuple[float, ...] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
+    start: StartOption = None,
     goals: Annotated[Goals, Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)] = (),
     mask: Annotated[inputs.Map | None, Words()] = None, **reading: Unpack[inputs.Reading],
 ) -> RobotDiff:  # fmt: skip
@@ -752,14 +751,14 @@ def differences(
 def compared(
     maps: Sequence[inputs.MapInput], *, tolerance: float = 0.0, move: Transform | None = None,
     advice: str = "",
-) -> Difference:  # fmt: skip
+) -> difference.Difference:  # fmt: skip
     # With `advice`, maps that do not lie in one frame are warned of.
     grids = [source.occupancy for source in maps]
     if move is not None:
         frame = move.inverse().frame(grids[1].frame)
         grids[1] = occupancy.OccupancyGrid(grids[1].occupancy, frame.resolution, frame.origin)
     with inputs.errors_named(maps[1].name):
-        frame = frame_around(*(grid.frame for grid in grids))
+        frame = difference.frame_around(*(grid.frame for grid in grids))
         walls = sum(int(lookup.histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
         needed = _LIBRARIES + _PER_CELL * frame.height * frame.width + _PER_WALL * walls
         needed += bytes_of_lines(frame.shape, _PER_LINE)

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Annotated, Any, cast
 
 from mapdeal import errors, records
-from mapdeal.command import ABOVE_0, METRES, POSE, Output, Result, Words, command
-from mapdeal.commands.reach import goals_of, lethal_costs, start_of
+from mapdeal.command import ABOVE_0, METRES, Output, Result, Words, command
+from mapdeal.commands.reach import RobotOption, StartOption, goals_of, lethal_costs
 from mapdeal.compatibility import Unpack
 from mapdeal.grid import costmap, route_graph
 from mapdeal.grid.footprint import FootprintLike, shape_of
@@ -100,8 +100,7 @@ mapdeal graph examples/maps/office.yaml --robot-radius 0.22 \\
     --to kitchen=3,-4 lab=9,4 --slow-below 0.6 -o out/slow.geojson""",
 )
 def graph(
-    map: inputs.Map, *,  # noqa: A002 - what it is
-    start: Annotated[tuple[float, ...] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
+    map: inputs.Map, *, start: StartOption = None,  # noqa: A002 - what it is
     goals: Annotated[Sequence[Goal], Words("NAME=X,Y", goals_of, "to", is_repeated=True)] = (),
     spacing: Annotated[float, ABOVE_0, METRES] = 2.0, hall: Annotated[float, ABOVE_0, METRES] = 4.0,
     cover: Annotated[float, ABOVE_0, METRES] = 3.0,
@@ -109,7 +108,7 @@ def graph(
     one_way: graph_drafts.LaneSide | None = None,
     keep_from_unknown: Annotated[float | None, ABOVE_0, METRES] = None,
     through_unknown: bool = False, footprint: FootprintLike | None = None,
-    robot: Annotated[RobotParameters | None, Words()] = None, **reading: Unpack[inputs.Reading],
+    robot: RobotOption = None, **reading: Unpack[inputs.Reading],
 ) -> PlannedGraph:  # fmt: skip
     """Make a graph of nodes and edges for Nav2's route server.
 

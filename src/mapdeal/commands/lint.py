@@ -19,15 +19,14 @@ from mapdeal.checks.findings import CHECKS, Finding, Selections, named_checks, r
 from mapdeal.checks.lint import LintReport, MapReport, ReportForm, repair_lines
 from mapdeal.command import AT_LEAST_1, Output, Words, command
 from mapdeal.commands.mask import info_of, mask_facts, read_mask
-from mapdeal.commands.reach import COSTS_PER_CELL, goals_of, lethal_cells, start_of
+from mapdeal.commands.reach import COSTS_PER_CELL, GoalOption, StartOption, lethal_cells
 from mapdeal.files import source, yaml_text
 from mapdeal.files.transaction import Transaction
-from mapdeal.grid import canvas, filters
+from mapdeal.grid import canvas, filters, reach
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import Goal, reach_radius
 from mapdeal.grid.values import check_choice, count_text
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps import dialects, formats, images, map_server
@@ -103,10 +102,8 @@ def lint(
     costmap: CostmapName | None = None, namespace: Annotated[str | None, Words("NS")] = None,
     graph: Annotated[str | PathLike[str] | None, Words("GRAPH.geojson", typed=Path)] = None,
     footprint: Footprint | None = None, filter_mask: MaskFile | None = None,
-    mask_kind: filters.FilterKind | None = None,
-    start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
-    goals: Annotated[Sequence[Goal], Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)] = (),
-    select: Checks = (), ignore: Checks = (), strict: bool = False,
+    mask_kind: filters.FilterKind | None = None, start: StartOption = None,
+    goals: GoalOption = (), select: Checks = (), ignore: Checks = (), strict: bool = False,
     config: bool = True, form: Annotated[ReportForm, Words(name="format")] = "text",
     statistics: bool = False, explain: Checks = (),
     jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None, fix: bool = False,
@@ -282,7 +279,7 @@ def lint(
         if footprint is None and robot is not None:
             footprint, shape = robot.footprint, recipe.planned_shape(robot)
         selections = Selections(_as_names(select), _as_names(ignore), strict=strict, config=config)
-        radius = None if footprint is None or not maps else reach_radius(footprint)
+        radius = None if footprint is None or not maps else reach.reach_radius(footprint)
         graph_and_robot = None if graph is None else (Path(graph), shape, robot)
         lint_maps = _Lint(selections, settings, radius, processes, graph_and_robot)
         reports: list[MapReport] = []
@@ -364,7 +361,7 @@ class _Lint:
 
     def mask(
         self, path: Path, map_read: inputs.MapInput, kind: filters.FilterKind | None,
-        robot: Footprint | None, start: tuple[float, ...] | None, goals: Sequence[Goal],
+        robot: Footprint | None, start: tuple[float, ...] | None, goals: Sequence[reach.Goal],
     ) -> MapReport:  # fmt: skip
         mask, pair = read_mask(path, self.settings, map_read)
         ends: Any = {"start": start, "goals": tuple(goals)}

@@ -12,22 +12,17 @@ from mapdeal import errors, records
 from mapdeal.checks.facts import MaskFacts, PairFacts, gather
 from mapdeal.checks.lint import lint_mask
 from mapdeal.command import Condition, Output, Result, Words, command
-from mapdeal.commands.reach import goals_of, start_of
-from mapdeal.grid import filters, values
-from mapdeal.grid.filters import FilterInfo, FilterKind, SpeedUnit
+from mapdeal.commands.reach import GoalOption, RobotOption, StartOption
+from mapdeal.grid import filters, occupancy, reach, values
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import Goal
 from mapdeal.kernels.lookup import histogram
-from mapdeal.maps import dialects, map_server
+from mapdeal.maps import dialects, map_server, shapes
 from mapdeal.maps.reading import write_grid
-from mapdeal.maps.shapes import Zone, filter_mask, name_at, read_zones
 from mapdeal.pictures.canvas import Image
 from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.inputs import InShell, KeepoutMask, MapInput, refuse
 from mapdeal.pipeline.settings import Settings
 from mapdeal.ros.filters import filter_launch, filter_parameters
-from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import closed_by
 
 PER_CELL = 60.0  # bytes for each cell of the map: what a robot reaches, without a mask and with it
@@ -37,13 +32,13 @@ _NOT_0 = Condition("other than 0", lambda value: value != 0)
 
 @records.dataclass(frozen=True, eq=False, repr=False)
 class FilterMask:
-    grid: OccupancyGrid
-    info: FilterInfo
-    zones: tuple[Zone, ...]
+    grid: occupancy.OccupancyGrid
+    info: filters.FilterInfo
+    zones: tuple[shapes.Zone, ...]
     path: Path
 
     @property
-    def kind(self) -> FilterKind:
+    def kind(self) -> filters.FilterKind:
         return self.info.kind
 
     @property
@@ -103,7 +98,6 @@ class FilterMasks(Result):
     output=Output("DIR", "Folder for masks, parameters and launch file.", streams=False),
     shared=("robot", "files"),
     makes_costs=lambda _: False,
-    words={"start": Words("X,Y[,YAW]", start_of, "from")},
     example="""\
 mapdeal mask examples/maps/office.yaml -o out/filters --image out/filters.png \\
     --file examples/shapes/office_filters.geojson
@@ -113,11 +107,10 @@ mapdeal mask examples/maps/office.yaml --kind keepout \\
 )
 def mask(
     source: Annotated[Path, Words("MAP", streams=True)], *, work: InShell, output: Path,
-    file: Annotated[Path, Words("ZONES")], kind: FilterKind | None = None,
-    speed_unit: SpeedUnit = "percent", base: float | None = None,
-    multiplier: Annotated[float, _NOT_0] | None = None, start: tuple[float, ...] | None = None,
-    goals: Annotated[Sequence[Goal], Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)] = (),
-    footprint: Footprint | None = None, robot: Annotated[RobotParameters | None, Words()] = None,
+    file: Annotated[Path, Words("ZONES")], kind: filters.FilterKind | None = None,
+    speed_unit: filters.SpeedUnit = "percent", base: float | None = None,
+    multiplier: Annotated[float, _NOT_0] | None = None, start: StartOption = None,
+    goals: GoalOption = (), footprint: Footprint | None = None, robot: RobotOption = None,
 ) -> FilterMasks:  # fmt: skip
     """Make masks for Nav2's costmap filters from zones in GeoJSON.
 
@@ -151,7 +144,7 @@ def mask(
     footprint : Footprint, optional
         The robot's shape, instead of that of `robot`.
     """
-    zones = read_zones(file, kind)
+    zones = shapes.read_zones(file, kind)
     kinds = [kind for kind in filters.KINDS if any(zone.kind == kind for zone in zones)]
     if "speed" not in kinds:
         refuse("applies to speed zones, and there are none", base=base, multiplier=multiplier)
@@ -169,7 +162,7 @@ def mask(
     with inputs.errors_named(map_read.name):
         for kind, path in zip(kinds, paths, strict=True):
             own = tuple(zone for zone in zones if zone.kind == kind)
-            grid, info = filter_mask(map_read.occupancy, kind, own, **options)
+            grid, info = shapes.filter_mask(map_read.occupancy, kind, own, **options)
             masks.append(FilterMask(grid, info, own, path))
             for found in lint_mask(path, mask_facts(map_read, grid, info, zones=own, **ends)):
                 if found.severity == "error":
@@ -203,18 +196,19 @@ def read_mask(path: Path, settings: Settings, beside: MapInput) -> tuple[Keepout
     return mask, pair
 
 
-def info_of(metadata: dialects.MapMetadata, kind: FilterKind | None) -> FilterInfo:
+def info_of(metadata: dialects.MapMetadata, kind: filters.FilterKind | None) -> filters.FilterInfo:
     """Return the kind of a mask and the meaning of its values: by its YAML, `kind` or its mode."""
-    own = FilterInfo.of(metadata.extra)
+    own = filters.FilterInfo.of(metadata.extra)
     if own is not None and kind in (None, own.kind):
         return own
     return filters.info_for(kind or ("speed" if metadata.mode == "scale" else "keepout"), ())
 
 
 def mask_facts(
-    map_read: MapInput, mask: OccupancyGrid, info: FilterInfo, *, pair: PairFacts | None = None,
-    robot: Footprint | None = None, start: tuple[float, ...] | None = None,
-    goals: Sequence[Goal] = (), zones: Sequence[Zone] = (),
+    map_read: MapInput, mask: occupancy.OccupancyGrid, info: filters.FilterInfo, *,
+    pair: PairFacts | None = None, robot: Footprint | None = None,
+    start: tuple[float, ...] | None = None, goals: Sequence[reach.Goal] = (),
+    zones: Sequence[shapes.Zone] = (),
 ) -> MaskFacts:  # fmt: skip
     grid = map_read.occupancy
     inputs.claim_work(map_read.name, grid, PER_CELL)
@@ -226,5 +220,5 @@ def mask_facts(
     covered = int(np.count_nonzero(inside & known)) / max(int(np.count_nonzero(known)), 1)
     return MaskFacts(
         pair, mask, info, grid, map_read.name, closed, covered, robot, start, tuple(goals),
-        name_of=lambda xy: name_at(zones, grid, xy),
+        name_of=lambda xy: shapes.name_at(zones, grid, xy),
     )  # fmt: skip

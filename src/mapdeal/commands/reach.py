@@ -132,6 +132,11 @@ def goals_or_names(texts: Sequence[str]) -> list[Goal | str]:
     return [goal for text in texts for goal in (goals_of([text]) if "," in text else [text])]
 
 
+RobotOption = Annotated[RobotParameters | None, Words()]
+StartOption = Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")]
+GoalOption = Annotated[Sequence[Goal], Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)]
+
+
 def chosen_goals(goals: Sequence[Goal | str], points: Path | None) -> list[Goal]:
     """Return goals and those of a file: its points of the given names, or else all of them."""
     listed = [] if points is None else goals_in(points)
@@ -197,7 +202,7 @@ def reachability(
     points: Annotated[Path | None, Words("FILE|-")] = None,
     layers: Annotated[Path | None, Words("OUT.npz")] = None,
     footprint: Footprint | None = None,
-    robot: Annotated[RobotParameters | None, Words()] = None,
+    robot: RobotOption = None,
     **parameters: Any,
 ) -> Reachability:
     """Show where a robot can go from a start, and which passages stop it.

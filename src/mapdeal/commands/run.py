@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, overload
 
 from mapdeal import errors
 from mapdeal.command import AT_LEAST_1, Output, Result, Words, command
-from mapdeal.commands.reach import chosen_goals, goals_or_names, start_of
+from mapdeal.commands.reach import RobotOption, StartOption, chosen_goals, goals_or_names
 from mapdeal.compatibility import Unpack
 from mapdeal.files.source import absolute_path, claim
 from mapdeal.grid.footprint import Footprint, FootprintLike
@@ -25,7 +25,6 @@ from mapdeal.pipeline import batch, inputs, recipe as recipes, run as pipeline
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
 from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.records import dataclass, replace
-from mapdeal.ros.robot import RobotParameters
 
 if TYPE_CHECKING:
     from mapdeal.commands.report import GoalAnswer, RunChecks, WrittenReport
@@ -169,14 +168,14 @@ def run_maps(
     jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None,
     scheduler: Annotated[str | None, Words("tcp://HOST:PORT")] = None,
     report: bool = False,
-    start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
+    start: StartOption = None,
     goals: Annotated[
         Sequence[Goal | str], Words("[NAME=]X,Y|NAME", goals_or_names, "to", is_repeated=True)
     ] = (),
     points: Annotated[Path | None, Words("FILE|-")] = None,
     dry_run: Annotated[bool, Words(short="n")] = False,
     footprint: Footprint | None = None,
-    robot: Annotated[RobotParameters | None, Words()] = None,
+    robot: RobotOption = None,
 ) -> RunAnswer:
     """Run maps through a recipe: inflation, distance field, costmap.
 

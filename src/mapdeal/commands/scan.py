@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mapdeal import command as definitions, records
 from mapdeal.command import ABOVE_0, AT_LEAST_0, AT_LEAST_1, METRES, POSE, RADIANS, Condition, Words
 from mapdeal.commands.graph import graph_of
-from mapdeal.commands.reach import start_of
+from mapdeal.commands.reach import RobotOption, StartOption
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, strict_warnings
 from mapdeal.files.json_values import read_document
@@ -31,7 +31,6 @@ from mapdeal.pictures.overlay import RouteOverlay
 from mapdeal.pipeline import batch, inputs
 from mapdeal.planning.graph_drafts import GraphOptions
 from mapdeal.planning.tours import driven, tour_of
-from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import read_poses
 from mapdeal.sensors.scans import ScanArrays, carmen_lines
 
@@ -157,7 +156,7 @@ def scan(
     poses: Annotated[Any, Words("FILE", typed=Path)] = None,
     route: Annotated[Any, Words("ROUTE.json", typed=Path)] = None,
     tour: bool = False,
-    start: Annotated[tuple[float, ...] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
+    start: StartOption = None,
     speed: Annotated[float, ABOVE_0, Words("M/S")] = 0.5,
     rate: Annotated[float, _RATE, Words("HZ")] = 10.0,
     range_max: Annotated[float, ABOVE_0, METRES] = 30.0,
@@ -170,7 +169,7 @@ def scan(
     odom_noise: Annotated[float, AT_LEAST_0, Words("SIGMA")] = 0.0,
     through_unknown: bool = False,
     footprint: FootprintLike | None = None,
-    robot: Annotated[RobotParameters | None, Words()] = None,
+    robot: RobotOption = None,
     **reading: Unpack[inputs.Reading],
 ) -> SimulatedScans:
     """Simulate the laser scans of a robot that drives through a map, as ``mapdeal scan`` does.
