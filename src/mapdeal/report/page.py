@@ -270,7 +270,7 @@ def _verdict_on(entry: Entry, number: int) -> Markup:
 def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
     shared = shared_by(entries)
     numbers_by_state: dict[State, list[int]] = {state: [] for state in get_args(State)}
-    for number in _by_urgency(entries):
+    for number in _by_urgency(entries, shared):
         numbers_by_state[state_of(entries[number], shared)].append(number)
     claims = [_claim_on(state, numbers, entries) for state, numbers in numbers_by_state.items()
               if numbers and state in ("error", "warning")]  # fmt: skip
@@ -314,7 +314,7 @@ def _maps(entries: tuple[Entry, ...]) -> Markup:
     names = list(columns.values())
     cells = [_head(name, entries) for name in ["Map", "Verdict", "Errors", "Warnings", *names]]
     shared = shared_by(entries)
-    rows = [_row(entries[k], k, names, shared) for k in _by_urgency(entries)]
+    rows = [_row(entries[k], k, names, shared) for k in _by_urgency(entries, shared)]
     field = element("input", type="search", id="filter", autocomplete="off")
     count = element("span", f"{len(entries)} maps", id="count", role="status")
     by_title: Any = {"aria_labelledby": "maps-title"}
@@ -327,9 +327,7 @@ def _maps(entries: tuple[Entry, ...]) -> Markup:
     )  # fmt: skip
 
 
-def _by_urgency(entries: tuple[Entry, ...]) -> list[int]:
-    shared = shared_by(entries)
-
+def _by_urgency(entries: tuple[Entry, ...], shared: Sequence[Claim]) -> list[int]:
     def urgency(number: int) -> tuple[bool, int, int, int]:
         entry = entries[number]
         errors, warnings = _counts(entry)
