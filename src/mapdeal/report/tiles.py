@@ -346,10 +346,7 @@ class _Pooling:
 
     @classmethod
     def of(cls, layer: PageLayer) -> _Pooling:
-        is_largest = layer.pooled == "largest"
-        if not layer.is_bytes:
-            return cls(np.fmax if is_largest else np.fmin)
-        choose = np.maximum if is_largest else np.minimum
+        choose = np.fmax if layer.pooled == "largest" else np.fmin
         if layer.rank is None:
             return cls(choose)
         return cls(choose, np.argsort(layer.rank, kind="stable").astype(np.uint8))
