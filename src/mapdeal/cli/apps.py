@@ -87,8 +87,7 @@ def _apply_stage(
     result = apply_to_file(
         source, output, step, work.settings, encoding=encoding, curve=curve,
         with_curve=work.as_json and stage.product_type is Costmap, with_sums=work.as_json,
-        also_read=inputs, before=before,
-        robot=robot if stage.product_type is Costmap else None,
+        also_read=inputs, before=before, robot=robot if stage.product_type is Costmap else None,
     )  # fmt: skip
     terminal.detail(f"{stage.name}: {time.perf_counter() - started:.3f} s")
     return result

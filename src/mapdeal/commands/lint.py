@@ -159,8 +159,7 @@ def lint(
         With a keepout mask: place that must stay reachable, such as a dock; more may follow.
     select : str or several
         Checks, or groups such as image, to run; separated by commas  [default: all but
-        those on request].
-        In Python several names are a list.
+        those on request]. In Python several names are a list.
     ignore : str or several
         Checks, or groups, to leave out.
     strict : bool

@@ -128,8 +128,7 @@ class WindowPlanner:
         shapes = np.array([window.shape for window in costs])
         places = np.rint((lows - lows.min(axis=0)) / side).astype(int)[:, ::-1]
         extent = (places + shapes).max(axis=0)
-        kind = costs[0].cost.dtype
-        values: Any = np.full(extent, costs[0].unknown_value, kind)
+        values: Any = np.full(extent, costs[0].unknown_value, costs[0].cost.dtype)
         for window, (row, col), (height, width) in zip(costs, places, shapes, strict=True):
             values[row : row + height, col : col + width] = window.cost
         return Costmap(values, side, (*lows.min(axis=0).tolist(), yaw), costs[0].scale)

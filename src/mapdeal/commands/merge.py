@@ -157,13 +157,12 @@ def _placing(words: list[str]) -> Literal["align"] | list[Path] | None:
 @command(
     group="Two maps of one place",
     output=Output(
-        "OUT", "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz.",
-        paths=output_paths,
+        "OUT", "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz.", paths=output_paths
     ),
     example="""\
 mapdeal merge examples/maps/office.yaml examples/maps/office_cartographer.yaml \\
     --by align -o out/merged.yaml --image out/merged.png""",
-)  # fmt: skip
+)
 def merge(
     maps: Annotated[Sequence[inputs.Map], Words("MAP...")],
     *,

@@ -565,8 +565,7 @@ def _robot_diff(document: JsonValue) -> Results:
 def _named_robot(robot: JsonValue) -> NamedRobot:
     costmap = cast("CostmapName", robot["costmap"].word(*get_args(CostmapName)))
     files = _named_files(robot, "file")
-    namespace = robot["namespace"].or_none(JsonValue.text)
-    return NamedRobot(files, costmap, namespace)
+    return NamedRobot(files, costmap, robot["namespace"].or_none(JsonValue.text))
 
 
 def passage_change_items(passages: Iterable[Passage], word: str, tone: Tone) -> list[Item]:

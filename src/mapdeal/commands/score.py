@@ -344,8 +344,7 @@ def _claim(maps: Sequence[inputs.MapInput], *, aligns: bool) -> None:
         of_picture = scoring.bytes_to_compare(shape, walls, is_drawn=True)
     lines = bytes_of_lines(shape, _BYTES_PER_LINE)
     needed = max(needed + lines, two_maps.bytes_to_place(maps) if aligns else 0)
-    size = f"{shape[1]} x {shape[0]} cells"
-    inputs.claim_for(maps, needed, size, of_picture=of_picture + lines)
+    inputs.claim_for(maps, needed, f"{shape[1]} x {shape[0]} cells", of_picture=of_picture + lines)
 
 
 def _warn_of_overlap(comparison: scoring.Comparison, maps: Sequence[inputs.MapInput]) -> None:
