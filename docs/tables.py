@@ -26,8 +26,7 @@ from typing import Any, get_args
 import typer
 
 from mapdeal.checks.findings import CHECKS
-from mapdeal.cli.help_pages import in_groups
-from mapdeal.cli.main import app
+from mapdeal.cli.main import app, in_groups
 from mapdeal.cli.options import SHARED_OPTIONS, expanded
 from mapdeal.command import Parameter, Stage, meanings_of
 from mapdeal.grid.costmap import Costmap

@@ -20,8 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import mapdeal
-from mapdeal.cli.help_pages import in_groups, sections_of
-from mapdeal.cli.main import app
+from mapdeal.cli.main import app, in_groups, sections_of
 from mapdeal.stages.catalogue import STAGES
 
 SITE = Path(__file__).parent

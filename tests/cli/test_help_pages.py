@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from cli.conftest import every_command
-from mapdeal.cli.help_pages import GROUPS
-from mapdeal.cli.main import command_names
+from mapdeal.cli.main import GROUPS, command_names
 from mapdeal.stages.catalogue import STAGE_NAMES
 
 COMMANDS = dict(every_command())

@@ -5,7 +5,7 @@ import errno
 import os
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from pkgutil import iter_modules
@@ -14,12 +14,22 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from mapdeal.cli import help_pages, signals, terminal, usage
+from mapdeal.cli import signals, terminal, usage
 from mapdeal.errors import FileAccessError, FindingError, MapdealError, refusal_of_the_system
 
 # New versions of typer contain a copy of click, old ones import the package. Both have the same
 # error classes: bases of the class that typer exports.
 _ClickError: Any = typer.BadParameter.__mro__[2]
+
+GROUPS = (
+    "Maps, distance fields, costmaps", "Questions about a map", "Changing a map",
+    "Two maps of one place", "Laser scans and point clouds", "Formats", "CI and reports",
+)  # fmt: skip
+"""Titles under which ``mapdeal --help`` lists commands, in its order."""
+
+_COMMON = "Common options"
+_LAST = ("Robot", _COMMON)  # groups of options that many commands have, after a command's own
+_FIRST = ("run", "view", "info", "reach", "clean", "diff", "build", "lint")  # in the overview
 
 
 def command_names() -> list[str]:
@@ -49,7 +59,7 @@ class _LazyGroup(TyperGroup):
         command: Any = typer.main.get_command(app)
         for runnable in (command, *getattr(command, "commands", {}).values()):
             usage.accept_words(runnable, cmd_name)
-            help_pages.lay_out(runnable)
+            lay_out(runnable)
         command.name = cmd_name
         summary = (command.help or "").partition("\n\n")[0]
         command.short_help = " ".join(summary.split())  # click would shorten it
@@ -58,7 +68,7 @@ class _LazyGroup(TyperGroup):
         return command
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        help_pages.write_commands(self, ctx, formatter)
+        write_commands(self, ctx, formatter)
 
 
 vars(typer.core)["rich"] = None  # typer before 0.12 would format help with it
@@ -110,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if words:
                 group.invoke(context)
             else:
-                terminal.result(help_pages.overview(group, context))
+                terminal.result(overview(group, context))
         code = 0
     except typer.Exit as end:
         code = end.exit_code
@@ -151,3 +161,75 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _report(error: MapdealError) -> int:
     terminal.error(error)
     return error.exit_code
+
+
+def in_groups(group: Any, context: Any, names: Iterable[str] = ()) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {title: [] for title in GROUPS}
+    for name in names or group.list_commands(context):
+        command = group.get_command(context, name)
+        found.setdefault(command.rich_help_panel or "Other commands", []).append(command)
+    return {title: members for title, members in found.items() if members}
+
+
+def lay_out(command: Any) -> None:
+    def write_options(context: Any, formatter: Any) -> None:
+        for title, rows in sections_of(command, context).items():
+            with formatter.section(terminal.bold(title)):
+                formatter.write_dl(rows)
+
+    def write_examples(_: Any, formatter: Any) -> None:
+        with formatter.section("Examples"):
+            for line in command.epilog.splitlines():
+                formatter.write(f"{'':{formatter.current_indent}}{line}\n")
+
+    if not hasattr(command, "commands"):
+        command.format_options = write_options
+    if command.epilog:
+        command.format_epilog = write_examples
+
+
+def overview(group: Any, context: Any) -> str:
+    formatter = context.make_formatter()
+    formatter.write("Process robot map files without ROS.\n\n")
+    formatter.write("Start with: mapdeal run MAP.yaml -o out\n")
+    write_commands(group, context, formatter, names=_FIRST)
+    text = "mapdeal --help lists all commands, mapdeal help COMMAND shows one with examples."
+    return f"{formatter.getvalue()}\n{text}"
+
+
+def write_commands(group: Any, context: Any, formatter: Any, *, names: Iterable[str] = ()) -> None:
+    groups = in_groups(group, context, names)
+    longest = max(len(command.name) for members in groups.values() for command in members)
+    for title, members in groups.items():
+        with formatter.section(terminal.bold(title)):
+            rows = [(command.name, command.short_help) for command in members]
+            formatter.write_dl(rows, col_max=longest)
+
+
+def sections_of(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
+    parameters = command.get_params(context)
+    sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+    for parameter in parameters:
+        if record := parameter.get_help_record(context):
+            names, text = record
+            title, text = _placed(parameter, text, parameters)
+            sections.setdefault(title, []).append((names, text))
+    ordered = sorted(sections, key=lambda title: title in _LAST)  # others keep their order
+    return {title: sections[title] for title in ordered if sections[title]}
+
+
+def _placed(parameter: Any, text: str, parameters: Iterable[Any]) -> tuple[str, str]:
+    # Texts begin with what an option counts with: "With a bag: ...", or a value, "rings: ...".
+    if parameter.param_type_name == "argument":
+        return "Arguments", text
+    title = _COMMON if parameter.name == "help" else getattr(parameter, "rich_help_panel", None)
+    if title is not None:
+        return title, text
+    condition, colon, meaning = text.partition(": ")
+    meaning = meaning[:1].upper() + meaning[1:]
+    if colon and condition == "With a bag":
+        return condition, meaning
+    for choice in parameters:
+        if condition in [*(choice.metavar or "").split("|"), *getattr(choice.type, "choices", ())]:
+            return f"With {choice.opts[0]} {condition}", meaning
+    return "Options", text
