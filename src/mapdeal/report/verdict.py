@@ -63,9 +63,9 @@ def on_costs(manifest: Mapping[str, Any]) -> Claim | None:
         return _on_robot(robot, has_mask=bool(manifest.get("mask")))
     inflation = stages.get("inflate")
     radius = inflation.get("radius") if isinstance(inflation, dict) else None
-    parts = [f"walls inflated by {radius:.4g} m"] if _is_number(radius) and radius else []
+    parts = [f"walls inflated by {radius:.4g} m"] if footprint.is_number(radius) and radius else []
     parts += [text.format(costs[name]) for name, text in _ABOUT_COSTS.items()
-              if _is_number(costs.get(name)) and costs[name]]  # fmt: skip
+              if footprint.is_number(costs.get(name)) and costs[name]]  # fmt: skip
     assumptions = f", but with {', '.join(parts)}" if parts else ""
     text = f"The costmap is not made from the robot's own parameter file{assumptions}"
     return Claim("costmap", "warning", text, "cost: parameters")
@@ -88,10 +88,6 @@ def _on_robot(robot: Mapping[str, Any], *, has_mask: bool) -> Claim:
 def _dicts_in(value: object) -> list[dict[str, Any]]:
     listed = value if isinstance(value, list) else []  # anybody may have written it
     return [item for item in listed if isinstance(item, dict)]
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def on_goals(
