@@ -233,10 +233,9 @@ def with_shared_options(
     ordered = expanded([*names, _ALWAYS])
     parameters = _spliced(definition, by_name, ordered)
     shared = [name for name in SHARED_OPTIONS if name in ordered and name not in by_name]
-    of_streams = [name for name in shared if name == "mask"]
-    shared = [name for name in shared if name not in of_streams]
     robot = [name for name in shared if SHARED_OPTIONS[name].group == _ROBOT]
-    streams = {**streams, **dict.fromkeys(of_streams, False)}
+    has_mask = "mask" in shared  # a file that may come from a standard stream
+    streams = {**streams, "mask": False} if has_mask else streams
     defaults = {parameter.name: parameter.default for parameter in parameters}
 
     @wraps(function)
@@ -246,7 +245,7 @@ def with_shared_options(
                 values[name] = value.value
             elif value in ([], ()):  # typer before 0.13 has this for repeated options
                 values[name] = defaults[name]
-        shared_values = {name: values.pop(name) for name in shared}
+        shared_values = {name: values.pop(name) for name in shared if name != "mask"}
         if shared_values["quiet"] and shared_values["verbose"]:
             raise ParameterError("cannot be given together with --quiet", source="--verbose")
         terminal.configure(**{name: shared_values[name] for name in ("quiet", "verbose", "strict")})
@@ -272,11 +271,11 @@ def with_shared_options(
                 raise ParameterError(rule, source="--resolution")
             piped = terminal.piped(values, streams, ending=ending)
             with settings.reading(anew=True), use_threads(settings.threads), piped as piped_values:
-                read = {name: piped_values.pop(name) for name in of_streams}
-                if "mask" in read and makes_costs(values) and "against" not in shared:
-                    read["mask"] = used_mask(read["mask"], values.get("robot"))
+                mask = piped_values.pop("mask") if has_mask else None
+                if has_mask and makes_costs(values) and "against" not in shared:
+                    mask = used_mask(mask, values.get("robot"))
                 with terminal.activity_shown(function.__name__):
-                    function(**{**piped_values, "settings": replace(settings, **read)})
+                    function(**{**piped_values, "settings": replace(settings, mask=mask)})
 
     typed: Any = command
     parameters = [p.replace(annotation=_for_typer(p.annotation)) for p in parameters]
