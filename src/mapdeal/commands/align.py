@@ -16,9 +16,7 @@ from mapdeal.compatibility import Unpack
 from mapdeal.files.json_values import ALIGNMENT_FORMAT
 from mapdeal.grid.canvas import obstacles_in, sampled
 from mapdeal.grid.frame import Transform, warn_of_degrees
-from mapdeal.pictures.canvas import Image, beside_each_other
-from mapdeal.pictures.comparisons import difference_image
-from mapdeal.pictures.styles import alignment_style
+from mapdeal.pictures import canvas, comparisons, styles
 from mapdeal.pipeline import inputs
 from mapdeal.sensors.points import transform_document
 
@@ -113,16 +111,16 @@ class Alignment(Placement, Result):
         if self.candidates and self.chosen is None:
             yield "  --image draws the candidates; --candidate 1 selects the first"
 
-    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+    def drawn(self, *, title: str | None = None, **look: Any) -> canvas.Image:
         """Return the first map over the second, or both at each candidate beside each other."""
         if self.chosen is None and len(self.candidates) > 1:
-            return beside_each_other([
+            return canvas.beside_each_other([
                 self._drawn_at(candidate.transform, f"{k}: score {candidate.score:.2f}", **look)
                 for k, candidate in enumerate(self.candidates, start=1)
             ])  # fmt: skip
         return self._drawn_at(self.transform, title, **look)
 
-    def _drawn_at(self, transform: Transform, title: str | None, **look: Any) -> Image:
+    def _drawn_at(self, transform: Transform, title: str | None, **look: Any) -> canvas.Image:
         first, second = (source.occupancy for source in self.maps)
         moved = transform.frame(first.frame)
         lattice = difference.frame_around(second.frame, moved)
@@ -136,8 +134,9 @@ class Alignment(Placement, Result):
         named = self.maps[0].title, self.maps[1].title
         shown = named if named[0] != named[1] else ("the first map", "the second map")
         verdict = "the same place" if self.same_place else "uncertain"
-        title = title or f"{shown[0]} on {shown[1]}: {verdict}"
-        return difference_image(kinds, lattice, title=title, style=alignment_style(shown), **look)
+        look["title"] = title or f"{shown[0]} on {shown[1]}: {verdict}"
+        look["style"] = styles.alignment_style(shown)
+        return comparisons.difference_image(kinds, lattice, **look)
 
 
 def _text(transform: Transform) -> str:

@@ -27,9 +27,7 @@ from mapdeal.grid.reach import GoalReach, Passage, Reach, reach_radius
 from mapdeal.grid.values import OCCUPIED, count_text, decimal_text
 from mapdeal.kernels import lookup, threads
 from mapdeal.maps.kinds import PARAMETERS, readable_kind
-from mapdeal.pictures.canvas import Image
-from mapdeal.pictures.comparisons import difference_image
-from mapdeal.pictures.styles import cost_change_codes, cost_change_style
+from mapdeal.pictures import canvas, comparisons, styles
 from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.folder import format_value, passage_document, reach_document, rounded
 from mapdeal.pipeline.step import make_step
@@ -158,10 +156,10 @@ class DiffReport(difference.Difference, Result):
         yield f"  walls     {_shift_text('B to A', self.second_to_first)}"
         yield from (f"  bound     {bound.text}" for bound in self.bounds)
 
-    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+    def drawn(self, *, title: str | None = None, **look: Any) -> canvas.Image:
         """Return the picture of `changes`."""
         shown = one_line(title or self.title)
-        return difference_image(self.changes, self.frame, title=shown, **look)
+        return comparisons.difference_image(self.changes, self.frame, title=shown, **look)
 
     def _verdict(self) -> Iterator[str]:
         yield "equal" if self.is_equal else "different"
@@ -327,13 +325,14 @@ def costs_lines(found: difference.CostDifference) -> Iterator[str]:
             yield f"  {kind:<9} {change_text(change)}"
 
 
-def costs_image(found: difference.CostDifference, *, title: str, **look: Any) -> Image:
-    style = cost_change_style()
-    return difference_image(change_codes(found), found.frame, title=title, style=style, **look)
+def costs_image(found: difference.CostDifference, **look: Any) -> canvas.Image:
+    look["style"] = styles.cost_change_style()
+    return comparisons.difference_image(change_codes(found), found.frame, **look)
 
 
 def change_codes(found: difference.CostDifference) -> Any:
-    return cost_change_codes(found.first_costs, found.second_costs, found.is_common, found.masks)
+    costs = found.first_costs, found.second_costs
+    return styles.cost_change_codes(*costs, found.is_common, found.masks)
 
 
 @records.dataclass(frozen=True, eq=False, repr=False)
@@ -369,7 +368,7 @@ class CostmapDiff(Result):
             yield two_maps.moved_line(self.transform)
         yield from (f"  bound     {bound.text}" for bound in self.bounds)
 
-    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+    def drawn(self, *, title: str | None = None, **look: Any) -> canvas.Image:
         names = two_maps.names_of_two(*(Path(source.name) for source in self.maps))
         shown = title or f"{' and '.join(names)}: costs that differ"
         return costs_image(self.costs, title=one_line(shown), **look)
@@ -516,7 +515,7 @@ class RobotDiff(Result):
             text += f"; {counts[0]} -> {counts[1]} of {count_text(len(first.goals), 'goal')}"
         return text
 
-    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+    def drawn(self, *, title: str | None = None, **look: Any) -> canvas.Image:
         """Return the picture of the changes of the costs."""
         shown = title or f"{self.map.title}, {' and '.join(self.names)}: {self.verdict}"
         return costs_image(self.costs, title=one_line(shown), before=self.reach_text(), **look)
