@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.arrays import Bytes
 from mapdeal.kernels.lookup import look_up, pooled
 from mapdeal.kernels.threads import ThreadPool, thread_count
 from mapdeal.pictures.overlay import known_box
@@ -308,8 +309,9 @@ def _without_finest(layer: EncodedLayer, count: int) -> EncodedLayer:
     return replace(layer, levels=(*layer.levels[:first], *dropped))
 
 
-def _tile(cells: Cells, codings: Sequence[Coding], compression: int) -> bytes:
-    data = packed(cells, codings) if codings else cells.tobytes()
+def _tile(cells: Cells, codings: Sequence[Coding], order: Bytes | None, compression: int) -> bytes:
+    values = cells if order is None else look_up(cells, order)
+    data = packed(values, codings) if codings else values.tobytes()
     return b64encode(zlib.compress(data, compression))
 
 
@@ -317,55 +319,37 @@ def _encoded_layer(layer: PageLayer, submit: Callable[..., Future[bytes]]) -> En
     codings = () if layer.is_bytes else _codings_of(layer)
     headers = [{"kind": type(coding).__name__.lower(), **asdict(coding)} for coding in codings]
     header: dict[str, Any] = {"kind": "numbers", "ways": headers} if codings else {"kind": "bytes"}
-    pooling, shape = _Pooling.of(layer), layer.frame.shape
+    shape = layer.frame.shape
+    choose = np.fmax if layer.pooled == "largest" else np.fmin
+    order = places = None
+    if layer.rank is not None:  # cells become places in it; of equal rank the larger is later
+        order = np.argsort(layer.rank, kind="stable").astype(np.uint8)
+        places = np.argsort(order).astype(np.uint8)
     reduces = [finest_reduce(shape)]
     while max(shape) > reduces[-1] * _COARSEST_SIDE:
         reduces.append(2 * reduces[-1])
     if len(reduces) > 1:  # every second one, too, has a level as small as that
         reduces.append(2 * reduces[-1])
     compression = _COMPRESSION if max(shape) <= ALL_CELLS_SIDE else _COMPRESSION_OF_LARGE
-    submit_cells = partial(submit, codings=codings, compression=compression)
+    submit_cells = partial(submit, codings=codings, order=order, compression=compression)
     maker: _LevelMaker | None = None
     makers = []
     for reduce in reversed(reduces):
         level_shape = -(-shape[0] // reduce), -(-shape[1] // reduce)
-        maker = _LevelMaker(reduce, level_shape, pooling, submit_cells, maker)
+        maker = _LevelMaker(reduce, level_shape, choose, submit_cells, maker)
         makers.append(maker)
     for first in range(0, shape[0], TILE):  # a multiple of any `reduces[0]`
-        rows = pooling.ranked(np.asarray(layer.values[first : first + TILE]))
-        makers[-1].add(rows if reduces[0] == 1 else pooled(rows, reduces[0], pooling.choose))
+        rows = np.asarray(layer.values[first : first + TILE])
+        rows = rows if places is None else look_up(rows, places)
+        makers[-1].add(rows if reduces[0] == 1 else pooled(rows, reduces[0], choose))
     return EncodedLayer(header, tuple(maker.level() for maker in makers))
-
-
-@dataclass(frozen=True)
-class _Pooling:
-    """Rule for the value that represents several cells."""
-
-    choose: np.ufunc
-    order: NDArray[np.uint8] | None = None
-
-    @classmethod
-    def of(cls, layer: PageLayer) -> _Pooling:
-        choose = np.fmax if layer.pooled == "largest" else np.fmin
-        if layer.rank is None:
-            return cls(choose)
-        return cls(choose, np.argsort(layer.rank, kind="stable").astype(np.uint8))
-
-    def ranked(self, rows: Cells) -> Cells:
-        """Return bytes by their places in the order; of equal rank the larger comes later."""
-        if self.order is None:
-            return rows
-        return look_up(rows, np.argsort(self.order).astype(np.uint8))
-
-    def values(self, ranked: Cells) -> Cells:
-        return ranked if self.order is None else look_up(ranked, self.order)
 
 
 @dataclass(eq=False)
 class _LevelMaker:
     reduce: int
     shape: tuple[int, int]
-    pooling: _Pooling
+    choose: np.ufunc  # of several cells the one that represents them
     submit: Callable[[Cells], Future[bytes]]
     coarser: _LevelMaker | None
     _band: Cells = field(default_factory=lambda: np.empty((0, 0)))
@@ -389,10 +373,9 @@ class _LevelMaker:
         band, self._filled = self._band, 0
         self._rows_cut += len(band)
         if self.coarser is not None:
-            self.coarser.add(pooled(band, 2, self.pooling.choose))
-        values = self.pooling.values(band)
-        for first in range(0, values.shape[1], TILE):
-            self._tiles.append(self.submit(np.ascontiguousarray(values[:, first : first + TILE])))
+            self.coarser.add(pooled(band, 2, self.choose))
+        for first in range(0, band.shape[1], TILE):
+            self._tiles.append(self.submit(np.ascontiguousarray(band[:, first : first + TILE])))
 
     def level(self) -> Level:
         tiles = tuple(tile.result() for tile in self._tiles)
