@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, overload
 
-from mapdeal import errors
+from mapdeal import errors, records
 from mapdeal.command import AT_LEAST_1, Output, Result, Words, command
 from mapdeal.commands.reach import RobotOption, StartOption, chosen_goals, goals_or_names
 from mapdeal.compatibility import Unpack
@@ -24,7 +24,6 @@ from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExt
 from mapdeal.pipeline import batch, inputs, recipe as recipes, run as pipeline
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
 from mapdeal.pipeline.settings import Canvas, Settings
-from mapdeal.records import dataclass, replace
 
 if TYPE_CHECKING:
     from mapdeal.commands.report import GoalAnswer, RunChecks, WrittenReport
@@ -124,9 +123,9 @@ def run(
         with errors.strict_warnings(strict, source):
             shape: Any = {"footprint": footprint, "robot_radius": robot_radius}
             loaded = recipes.load_recipe(recipe, changes, sim=sim, **shape)
-            settings = replace(settings, mask=pipeline.used_mask(loaded, settings.mask))
+            settings = records.replace(settings, mask=pipeline.used_mask(loaded, settings.mask))
             if not loaded.is_smaller:
-                settings = replace(settings, canvas="crop")  # manifests contain this value
+                settings = records.replace(settings, canvas="crop")  # manifests contain this value
             reports.append(pipeline.run_map(source, Path(output) / source.stem, loaded, settings))
     return reports if isinstance(path, list | tuple) else reports[0]
 
@@ -256,7 +255,7 @@ def run_maps(
     if canvas == "full" and not loaded.is_smaller:
         errors.emit_warning("--canvas full: has no effect, no stage of the recipe crops the map")
         canvas = "crop"
-    settings = replace(work.settings, canvas=canvas, progress=None)
+    settings = records.replace(work.settings, canvas=canvas, progress=None)
     around = None
     if pose is None:
         inputs.refuse("needs --pose", cloud=cloud, frame=frame, local_recipe=local_recipe)
@@ -275,12 +274,12 @@ def run_maps(
         raise errors.ParameterError(f"takes one map, there are {len(all_jobs)}", place="pose")
     shows_progress = not is_batch and scheduler is None  # where one map is run here
     progress = work.settings.progress if shows_progress else None
-    map_run = batch.MapRun(replace(settings, progress=progress), loaded, around)
+    map_run = batch.MapRun(records.replace(settings, progress=progress), loaded, around)
     size = None
     if scheduler is not None:
-        all_jobs = [replace(job, path=absolute_path(job.path)) for job in all_jobs]
+        all_jobs = [records.replace(job, path=absolute_path(job.path)) for job in all_jobs]
         mask = settings.mask and absolute_path(settings.mask)
-        map_run = replace(map_run, settings=replace(settings, mask=mask))
+        map_run = records.replace(map_run, settings=records.replace(settings, mask=mask))
     else:
         size = batch.jobs_at_once(jobs, len(all_jobs), terminal)
         map_run = map_run.sharing(size)
@@ -327,13 +326,13 @@ def run_maps(
     if goal_check is not None:
         if page is not None:
             folders = [output] if is_batch else [all_jobs[0].folder]
-            shown = written(page, folders, replace(settings, force=True), goal_check)
-            answer = replace(answer, page=shown)
+            shown = written(page, folders, records.replace(settings, force=True), goal_check)
+            answer = records.replace(answer, page=shown)
         else:
             paths = [job.path for job in all_jobs]
             if isinstance(answer.outcome, batch.Batch):
                 paths = answer.outcome.done_paths()
-            answer = replace(answer, goals=[goal_check.answer(path) for path in paths])
+            answer = records.replace(answer, goals=[goal_check.answer(path) for path in paths])
         errors.refuse_warnings("; the maps are written")
     outcome = answer.outcome
     if golden is None or (isinstance(outcome, batch.Batch) and outcome.count("failed")):
@@ -344,12 +343,12 @@ def run_maps(
         runs += [(folder / local, f"{place}/{local}") for folder, place in runs]
     if update_golden:
         stored = [f"{store_golden(folder, golden, place)}: stored" for folder, place in runs]
-        return replace(answer, stored=stored)
+        return records.replace(answer, stored=stored)
     found = (differences_from_golden(folder, golden, place) for folder, place in runs)
-    return replace(answer, golden=golden, differing=[line for lines in found for line in lines])
+    return records.replace(answer, golden=golden, differing=[*chain.from_iterable(found)])
 
 
-@dataclass(frozen=True, repr=False)
+@records.dataclass(frozen=True, repr=False)
 class RunAnswer(Result):
     outcome: pipeline.RunReport | batch.Batch | batch.Plans
     assumed: Sequence[str] = ()
