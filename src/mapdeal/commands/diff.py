@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import command as definitions, records
 from mapdeal.command import AT_LEAST_0, CELLS, METRES, PERCENT, Result, Words
@@ -25,7 +24,7 @@ from mapdeal.grid import costmap, occupancy
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.reach import GoalReach, Passage, Reach, reach_radius
 from mapdeal.grid.values import OCCUPIED, count_text, decimal_text
-from mapdeal.kernels import lookup, threads
+from mapdeal.kernels import arrays, lookup, threads
 from mapdeal.maps.kinds import PARAMETERS, readable_kind
 from mapdeal.pictures import canvas, comparisons, styles
 from mapdeal.pipeline import inputs, recipe
@@ -34,8 +33,6 @@ from mapdeal.pipeline.step import make_step
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import transform_document
 from mapdeal.stages.structured import Goals
-
-Pair = tuple[Any, Any]
 
 _LIBRARIES = 37_000_000  # bytes that parts of scipy take
 _PER_CELL, _PER_WALL, _PER_LINE = 32, 120, 24  # bytes per cell, occupied cell, row and column
@@ -433,7 +430,7 @@ class RobotDiff(Result):
 
     map: inputs.MapInput
     robots: tuple[RobotParameters, RobotParameters]
-    parameters: dict[str, Pair]
+    parameters: dict[str, tuple[Any, Any]]
     costs: difference.CostDifference
     costmaps: tuple[costmap.Costmap, costmap.Costmap]
     reaches: tuple[Reach, Reach]
@@ -651,7 +648,7 @@ def _is_passed(passage: Passage, reach: Reach) -> bool:
     return _near(passage, reach, reach.reachable)
 
 
-def _near(passage: Passage, reach: Reach, layer: NDArray[np.uint8]) -> bool:
+def _near(passage: Passage, reach: Reach, layer: arrays.Bytes) -> bool:
     ((row, col),) = reach.frame.unbounded_rowcol_from_xy([(passage.x, passage.y)]).tolist()
     return bool(np.any(layer[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2]))
 

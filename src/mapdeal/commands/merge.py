@@ -32,8 +32,6 @@ _PICTURE_BYTES_PER_CELL = 2  # additional ones besides the picture itself
 _BYTES_PER_WALL_CELL = 60  # of the maps
 _BYTES_PER_ROW = 350  # for the corners of known cells
 
-Placing = Sequence[Transform | str | PathLike[str] | None]
-
 
 @records.dataclass(frozen=True, eq=False, repr=False)
 class Merged(Result):
@@ -167,7 +165,7 @@ def merge(
     maps: Annotated[Sequence[inputs.Map], Words("MAP...")],
     *,
     transforms: Annotated[
-        Literal["align"] | Placing | None,
+        Literal["align"] | Sequence[Transform | str | PathLike[str] | None] | None,
         Words("frames|align|FILE.json", _placing, "by", is_repeated=True),
     ] = None,
     rule: merging.Rule = "occupied",

@@ -12,7 +12,6 @@ from functools import cached_property, lru_cache
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import errors, records
 from mapdeal.grid import reaching, values as codes
@@ -20,6 +19,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame, as_float32
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Bottleneck, Goal
+from mapdeal.kernels.arrays import Floats, Integers32, Mask
 from mapdeal.kernels.searches import UNREACHED
 from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.folder import rounded_place
@@ -46,8 +46,6 @@ _CACHED_BYTES = 1 << 26  # of costmaps
 
 Override = tuple[str, str, Any]  # name, type and value of a costmap's parameter
 Change = dict[str, Any]
-Mask = NDArray[np.bool_]
-Labels = NDArray[np.int32]
 
 
 @records.dataclass(frozen=True, eq=False)
@@ -103,7 +101,7 @@ class PlannerOnMap:
         return plan_quickly(self.listed, grid, start, goal)
 
     @cached_property
-    def _clearances(self) -> NDArray[np.float64]:
+    def _clearances(self) -> Floats:
         squares = reaching.squares_to(self.grid.costs == codes.LETHAL_OBSTACLE)
         return np.asarray(np.sqrt(squares) * self.grid.resolution)
 
@@ -164,7 +162,7 @@ def _cells_near(values: Mapping[str, Any], grid: PlannerGrid, goal: Pose) -> Mas
     return near
 
 
-def _regions(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> Labels:
+def _regions(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> Integers32:
     """Return the number of each open cell's connected region, 0 for closed cells."""
     from scipy import ndimage  # slow to import
 
@@ -442,7 +440,7 @@ def _obstacle_in_the_way(
             return
 
 
-def _obstacles_between(work: PlannerOnMap, start: Pose, goal: Pose, labels: Labels) -> set[int]:
+def _obstacles_between(work: PlannerOnMap, start: Pose, goal: Pose, labels: Integers32) -> set[int]:
     """Return the obstacles that close cells beside the region of the start and that of the goal.
 
     A path that one removed obstacle opens leaves the first region and enters the last one through

@@ -33,8 +33,6 @@ from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import NumberLines, read_pairs
 from mapdeal.stages.potential import CAP, GAIN, potential
 
-Heuristic = Literal["octile", "field"]
-
 # Uses of the distance field: none, in the cost of a step, or in the heuristic.
 SEARCHES = ("plain", "cost", "heuristic")
 
@@ -270,7 +268,7 @@ def route(
     through_unknown: bool = False,
     cost_travel_multiplier: Annotated[float, FACTOR] = 2.0,
     field_weight: Annotated[float | None, Words("W")] = None,
-    heuristic: Heuristic | None = None,
+    heuristic: Literal["octile", "field"] | None = None,
     heuristic_weight: Annotated[float | None, METRES] = None,
     attractive_gain: Annotated[float | None, GAIN, FACTOR] = None,
     repulsive_gain: Annotated[float | None, GAIN, FACTOR] = None,
