@@ -19,8 +19,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.bags import bag as bags
-from mapdeal.bags.chunked import MCAP_MAGIC
+from mapdeal.bags import bag as bags, chunked
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import access_to, chunks_of, claim
 from mapdeal.files.transaction import Transaction, temporary_folder
@@ -743,7 +742,7 @@ def add_checksums(path: Path) -> None:
     # record DataEnd; and of those from the summary to the footer's own checksum. DataEnd's checksum
     # covers those of the chunks, which therefore come first.
     with path.open("r+b") as file, mmap.mmap(file.fileno(), 0) as data, memoryview(data) as view:
-        position, opcode = len(MCAP_MAGIC), 0
+        position, opcode = len(chunked.MCAP_MAGIC), 0
         while opcode != _FOOTER:
             opcode, length = struct.unpack_from("<BQ", data, position)
             start = position + 9

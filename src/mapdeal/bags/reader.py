@@ -8,25 +8,23 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
 
-from mapdeal.bags import bag as bags
-from mapdeal.bags.chunked import MCAP_MAGIC, McapBag, Ros1Bag
-from mapdeal.bags.sqlite import SQLITE_MAGIC, SqliteBag
-from mapdeal.errors import MalformedInputError
-from mapdeal.files import source as sources
-from mapdeal.files.transaction import temporary_folder
-from mapdeal.files.yaml_text import Entry, YamlLimits, read_mapping
+from mapdeal import errors, records
+from mapdeal.bags import bag as bags, chunked, sqlite
+from mapdeal.files import source as sources, transaction, yaml_text
 from mapdeal.grid.values import few_text
 from mapdeal.maps.listing import natural_key
-from mapdeal.records import replace
 
 _TOP_KEY = "rosbag2_bagfile_information"
 _ZSTD_SUFFIXES = (".zstd", ".zst")
 
-_LIMITS = YamlLimits(bytes=1 << 22, nodes=100_000, aliases=1000)
-_STORAGES: dict[str, Callable[[Path], bags.Bag]] = {"sqlite3": SqliteBag, "mcap": McapBag}
+_LIMITS = yaml_text.YamlLimits(bytes=1 << 22, nodes=100_000, aliases=1000)
+_STORAGES: dict[str, Callable[[Path], bags.Bag]] = {
+    "sqlite3": sqlite.SqliteBag,
+    "mcap": chunked.McapBag,
+}
 _KINDS: dict[bytes, Callable[[Path], bags.Bag]] = {
-    b"#ROSBAG V": Ros1Bag, b"#ROSRECORD V": Ros1Bag, b"#ROSLOG V": Ros1Bag,
-    MCAP_MAGIC: McapBag, SQLITE_MAGIC: SqliteBag,
+    b"#ROSBAG V": chunked.Ros1Bag, b"#ROSRECORD V": chunked.Ros1Bag, b"#ROSLOG V": chunked.Ros1Bag,
+    chunked.MCAP_MAGIC: chunked.McapBag, sqlite.SQLITE_MAGIC: sqlite.SqliteBag,
 }  # fmt: skip
 _PIECE = 1 << 20
 _MOST_NAMED = 12
@@ -65,7 +63,7 @@ class FolderBag(bags.Bag):
                 declared = serializations.get(c.topic, c.serialization)
                 encoding = c.encoding if declared == c.serialization else ""
                 number = len(self.connections)
-                copy = replace(c, id=number, encoding=encoding, serialization=declared)
+                copy = records.replace(c, id=number, encoding=encoding, serialization=declared)
                 self.connections.append(copy)
 
     def close(self) -> None:
@@ -79,7 +77,7 @@ class FolderBag(bags.Bag):
                 ids = np.array([numbers[number] for number in part_ids.tolist()], np.int64)
                 for piece in part.pieces(numbers):
                     indices = np.searchsorted(part_ids, piece.connections)
-                    yield replace(piece, connections=ids[indices])
+                    yield records.replace(piece, connections=ids[indices])
 
     def summary(self) -> dict[int, bags.MessageSpan]:
         summaries = {id(part): part.summary() for part in self._parts}
@@ -95,12 +93,12 @@ class FolderBag(bags.Bag):
         if not sources.exists(path):
             reason = f"has no {bags.METADATA}, as left by a recorder that was killed"
             return self._metadata_from_files(reason)
-        top = read_mapping(path, _LIMITS).get(_TOP_KEY)
+        top = yaml_text.read_mapping(path, _LIMITS).get(_TOP_KEY)
         fields = {} if top is None else top.fields()
         for key in ("storage_identifier", "relative_file_paths"):
             if key not in fields:
                 place = _TOP_KEY if top is None else key
-                raise MalformedInputError("missing", source=path, place=place)
+                raise errors.MalformedInputError("missing", source=path, place=place)
         if not (storage := _text_of(fields, "storage_identifier")):
             reason = f"{bags.METADATA} names no storage, as ros2 bag reindex leaves it"
             return self._metadata_from_files(reason)
@@ -115,7 +113,7 @@ class FolderBag(bags.Bag):
         names = self._present_files(fields["relative_file_paths"])
         return storage, names, mode, _serializations(fields)
 
-    def _present_files(self, entry: Entry) -> tuple[str, ...]:
+    def _present_files(self, entry: yaml_text.Entry) -> tuple[str, ...]:
         paths = [PurePosixPath(PureWindowsPath(item.text()).as_posix()) for item in entry.items()]
         names = dict.fromkeys(path.name for path in paths)
         present = sources.contents_of(self.path)[1]
@@ -144,7 +142,7 @@ def _plain_file(path: Path) -> Iterator[Path]:
         return
     zstd = bags.zstd_module(path)
     stored = sources.status_of(path).st_size
-    with temporary_folder() as folder:
+    with transaction.temporary_folder() as folder:
         file = folder / path.stem
         with sources.access_to(path), path.open("rb") as raw, file.open("wb") as out:
             try:
@@ -156,11 +154,11 @@ def _plain_file(path: Path) -> Iterator[Path]:
                         out.write(piece)
             except (zstd.ZstdError, EOFError) as error:
                 rule = f"its compressed data are damaged: {error}"
-                raise MalformedInputError(rule, source=path) from None
+                raise errors.MalformedInputError(rule, source=path) from None
         yield file
 
 
-def _serializations(fields: Mapping[str, Entry]) -> dict[str, str]:
+def _serializations(fields: Mapping[str, yaml_text.Entry]) -> dict[str, str]:
     serializations = {}
     for entry in fields[_TOPICS].items() if _TOPICS in fields else ():
         topic = entry.fields().get("topic_metadata")
@@ -171,7 +169,7 @@ def _serializations(fields: Mapping[str, Entry]) -> dict[str, str]:
     return serializations
 
 
-def _text_of(fields: Mapping[str, Entry], key: str) -> str:
+def _text_of(fields: Mapping[str, yaml_text.Entry], key: str) -> str:
     return fields[key].text() if key in fields and not fields[key].is_nothing() else ""
 
 
@@ -193,7 +191,7 @@ def open_bag(path: Path) -> Iterator[bags.Bag]:
             kind = next((kind for magic, kind in _KINDS.items() if head.startswith(magic)), None)
             if kind is None:
                 rule = "is not a bag of ROS 1 or ROS 2" if head else "is empty"
-                raise MalformedInputError(rule, source=path)
+                raise errors.MalformedInputError(rule, source=path)
             bag = kind(file)
             bag.path, bag.files = path, (path,)
         stack.enter_context(closing(bag))
@@ -236,4 +234,4 @@ def select_connections(
 def _error(bag: bags.Bag, rule: str, choices: Sequence[bags.Connection], label: str) -> Exception:
     topics = sorted({f"{connection.topic} ({connection.spelled})" for connection in choices})
     hint = f"{label} {few_text(topics, _MOST_NAMED)}" if topics else None
-    return MalformedInputError(rule, source=bag.path, hint=hint)
+    return errors.MalformedInputError(rule, source=bag.path, hint=hint)

@@ -20,8 +20,7 @@ import numpy as np
 
 from mapdeal.bags.bag import Bag, Connection, MessageIndex, MessageSpan, Place
 from mapdeal.errors import MalformedInputError
-from mapdeal.files import source as sources
-from mapdeal.files.transaction import temporary_folder
+from mapdeal.files import source as sources, transaction
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 
@@ -216,7 +215,7 @@ def _whole_pages(path: Path) -> Iterator[Path]:
     if not (surplus := _bytes_after_last_page(path)):
         yield path
         return
-    with temporary_folder() as folder:
+    with transaction.temporary_folder() as folder:
         file, remaining = folder / "whole.db3", sources.status_of(path).st_size - surplus
         with sources.access_to(path), file.open("wb") as out:
             for chunk in sources.chunks_of(path):

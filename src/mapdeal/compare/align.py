@@ -17,9 +17,8 @@ import numpy as np
 from mapdeal.compare import walls as wall_maps
 from mapdeal.compare.walls import Bend, Floats, Poses, Singles, WallMap, moved, moved_back, walls_of
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import FARTHEST, Transform, turned
+from mapdeal.grid import frame, values
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import OneLineRepr
 from mapdeal.kernels.arrays import Array, Integers, Mask
 from mapdeal.kernels.rotations import hough_spectrum, inverse_matrices, main_direction
 from mapdeal.kernels.threads import in_parallel
@@ -127,12 +126,12 @@ class _Correlation:
         """Return the best shifts at a yaw for each scoring, as rows of score, yaw, x, y."""
         half = self._diagonal / 2 + self.cell
         cells = half / self.cell
-        walls, free = (self._splat(turned(xy, yaw) + cells, w) for xy, w in self._turning)
+        walls, free = (self._splat(frame.turned(xy, yaw) + cells, w) for xy, w in self._turning)
         walls = np.minimum(walls, np.float32(_MOST_WALL))
         free = np.maximum(free - walls, 0)
         spectra = np.conj(_fft_of(walls)), np.conj(_fft_of(free))
         # shift of the first map at offset (0, 0) of the correlation
-        base = half - turned(self._middle[np.newaxis], yaw)[0]
+        base = half - frame.turned(self._middle[np.newaxis], yaw)[0]
         tables = []
         for for_walls, for_free in self._spectra:
             scores = np.fft.irfft2(spectra[0] * for_walls + spectra[1] * for_free, s=self._shape)
@@ -400,7 +399,7 @@ class Candidate(NamedTuple):
     figures are those of `mapdeal.Alignment`.
     """
 
-    transform: Transform
+    transform: frame.Transform
     score: float
     overlap: float
     agreement: float
@@ -408,14 +407,14 @@ class Candidate(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Placement(OneLineRepr):
+class Placement(values.OneLineRepr):
     """Placement of a first map in the frame of a second, see `mapdeal.Alignment`."""
 
-    transform: Transform
+    transform: frame.Transform
     reason: str | None
     score: float
     runner_up: float
-    runner_up_transform: Transform | None
+    runner_up_transform: frame.Transform | None
     overlap: float
     agreement: float
     bend: float
@@ -435,13 +434,13 @@ class Placement(OneLineRepr):
 
 
 def placed(
-    first: OccupancyGrid, second: OccupancyGrid, *, prior: Transform | None = None,
+    first: OccupancyGrid, second: OccupancyGrid, *, prior: frame.Transform | None = None,
     rotations: Sequence[float] | None = None,
 ) -> Placement:  # fmt: skip
     if rotations is not None:
         if len(rotations) == 0:
             raise ParameterError("must have at least one turn", place="rotations", got=rotations)
-        if not all(abs(value) <= FARTHEST for value in rotations):  # refuses nan too
+        if not all(abs(value) <= frame.FARTHEST for value in rotations):  # refuses nan too
             raise ParameterError("must be finite numbers", place="rotations", got=rotations)
     first_walls, second_walls = walls_of(first), walls_of(second)
     if first_walls is None or second_walls is None:
@@ -460,8 +459,8 @@ def placed(
     return _judged(first_walls, second_walls, poses, area)
 
 
-def _unplaced(reason: str, prior: Transform | None) -> Placement:
-    return Placement(prior or Transform(), reason, 0.0, 0.0, None, 0.0, 0.0, 0.0, None, ())
+def _unplaced(reason: str, prior: frame.Transform | None) -> Placement:
+    return Placement(prior or frame.Transform(), reason, 0.0, 0.0, None, 0.0, 0.0, 0.0, None, ())
 
 
 def _candidates(
@@ -723,7 +722,7 @@ def _narrow(first: WallMap, second: WallMap) -> float:
     return max(0.15, first.resolution, second.resolution)
 
 
-def _transform_of(first: WallMap, second: WallMap, pose: Poses) -> Transform:
+def _transform_of(first: WallMap, second: WallMap, pose: Poses) -> frame.Transform:
     yaw, x, y = pose.tolist()
-    along = Transform(x, y, yaw)
+    along = frame.Transform(x, y, yaw)
     return second.map_from_cells().after(along).after(first.map_from_cells().inverse())

@@ -9,16 +9,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
-from mapdeal.grid import values as codes
-from mapdeal.grid.canvas import region_on_lattice, sampled
+from mapdeal import errors, records
+from mapdeal.grid import canvas, values as codes
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels import components, lookup, threads
 from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask
 from mapdeal.kernels.distance import within_distance
-from mapdeal.records import dataclass, field
 
 STATES = ("occupied", "free", "unknown", "between")  # of cells; "between" are the values 1..99
 SYMMETRIES: dict[str, Callable[[NDArray[np.int8]], NDArray[np.int8]]] = {
@@ -38,7 +36,7 @@ OUTSIDE, BOTH_UNKNOWN, BOTH_FREE, CHANGED, COMMON, REMOVED, ADDED = range(7)
 _MOST_TOLERANCE = 1000.0
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class WallShift:
     """Distances from the obstacles of one map to the nearest of the other, metres."""
 
@@ -50,7 +48,7 @@ class WallShift:
 _ROUNDING = 1e-9  # of distances: six cells of 0.05 m are 0.30000000000000004 m
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Bound:
     """Bound on the difference between two maps, and the value found.
 
@@ -108,7 +106,7 @@ def middle_xy(frame: Frame, cells: Integers) -> tuple[float, float]:
     return x, y
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Change:
     """Cells that touch and have changed in the same way; x and y are those of a middle cell."""
 
@@ -116,7 +114,7 @@ class Change:
     area: float
     x: float
     y: float
-    cells: Integers = field(repr=False, compare=False)
+    cells: Integers = records.field(repr=False, compare=False)
 
     @classmethod
     def largest(
@@ -137,7 +135,7 @@ class Change:
         return f"{codes.decimal_text(self.area, 3)} m2 at {self.x + 0.0:.6g},{self.y + 0.0:.6g}"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class Difference:
     """Differences between two maps, as `mapdeal.DiffReport` describes them."""
 
@@ -186,10 +184,10 @@ class Difference:
 def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0.0) -> Difference:
     if not 0 <= tolerance <= _MOST_TOLERANCE:  # refuses nan too
         rule = f"must be 0 to {_MOST_TOLERANCE:g} cells"
-        raise ParameterError(rule, place="tolerance", got=tolerance)
+        raise errors.ParameterError(rule, place="tolerance", got=tolerance)
     frame = frame_around(first.frame, second.frame)
-    a, in_a = sampled(frame, first.occupancy, first.frame)
-    b, in_b = sampled(frame, second.occupancy, second.frame)
+    a, in_a = canvas.sampled(frame, first.occupancy, first.frame)
+    b, in_b = canvas.sampled(frame, second.occupancy, second.frame)
     both = in_a & in_b
     state_a, state_b = states_of(a), states_of(b)
     counts = confusion_of(state_a[both], state_b[both]).tolist()
@@ -200,7 +198,7 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
     walls = [grid.frame.xy_from_rowcol(np.argwhere(grid.occupied())) for grid in (first, second)]
     in_both = [(cells == codes.OCCUPIED) & both for cells in (a, b)]
     in_common = [frame.xy_from_rowcol(np.argwhere(cells)) for cells in in_both]
-    if region_on_lattice(frame, second.frame) is None:  # other cells
+    if canvas.region_on_lattice(frame, second.frame) is None:  # other cells
         apart = [np.ones(len(walls_xy), np.bool_) for walls_xy in in_common]
     else:
         apart = [~in_both[1 - k][in_both[k]] for k in (0, 1)]
@@ -252,7 +250,7 @@ def frame_around(first: Frame, second: Frame) -> Frame:
     width = max(second_region.col + second_region.width, first.width) - col
     if height * width > MOST_CELLS:
         rule = f"the maps lie too far apart: {width} x {height} cells hold both"
-        raise ParameterError(rule, place="origin")
+        raise errors.ParameterError(rule, place="origin")
     return Region(row, col, height, width).frame_in(first)
 
 
@@ -309,7 +307,7 @@ SIZES = ((1, 9), (10, 49), (50, 127), (128, 254))  # changes of the cost in `Cos
 MOST_REGIONS = 20
 
 
-@dataclass(frozen=True, repr=False)
+@records.dataclass(frozen=True, repr=False)
 class CostChange(codes.OneLineRepr):
     """Cells of which the cost has changed in one way.
 
@@ -342,7 +340,7 @@ class CostChange(codes.OneLineRepr):
         yield codes.count_text(self.regions, "region")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class CostDifference(codes.OneLineRepr):
     """Differences between two costmaps, A and B, on costmap_2d's scale.
 
@@ -459,7 +457,7 @@ def _costs_on(frame: Frame, costmap: Costmap, scale: codes.CostScale) -> tuple[B
         table = codes.cost_from_occupancy()
         table[codes.INSCRIBED_PUBLISHED] = codes.INSCRIBED_INFLATED_OBSTACLE
         costs = lookup.look_up(np.asarray(costmap.to_occupancy().occupancy), table)
-    values, is_inside = sampled(frame, costs.view(np.int8), costmap.frame)
+    values, is_inside = canvas.sampled(frame, costs.view(np.int8), costmap.frame)
     return values.view(np.uint8), is_inside
 
 

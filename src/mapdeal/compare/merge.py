@@ -11,14 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.canvas import region_on_lattice, resampled
-from mapdeal.grid.field import FieldView
+from mapdeal.grid import canvas, field
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
-from mapdeal.kernels import components, lookup, threads
+from mapdeal.kernels import components, distance, lookup, threads
 from mapdeal.kernels.arrays import Integers, Mask, unreachable
-from mapdeal.kernels.distance import squared_distance, within_distance
 from mapdeal.records import dataclass, replace
 
 NO_CONFLICT, BY_FIRST, BY_OTHERS, AMONG_OTHERS = range(4)
@@ -126,7 +124,7 @@ def _clear(states: States, reach: float) -> Mask:
     """Return the free cells of a map that are farther than the reach, cells, from its walls."""
     free: Mask = states == _IS_FREE
     if reach > 0:
-        free &= ~within_distance(states == _IS_OCCUPIED, int(reach * reach))
+        free &= ~distance.within_distance(states == _IS_OCCUPIED, int(reach * reach))
     return free
 
 
@@ -157,7 +155,7 @@ def _counts(
             occupied_here=_count(own_occupied & (free > own_free)),
             free_here=_count(own_free & other_occupied),
             walls=_count(walls),
-            met=_count(walls & within_distance(other_occupied, _NEAR**2)),
+            met=_count(walls & distance.within_distance(other_occupied, _NEAR**2)),
         )
         known_before |= own_known
         occupied_before |= own_occupied
@@ -327,7 +325,7 @@ def _same_wall_cells(
     for earlier in before:
         walls |= earlier == _IS_OCCUPIED
     reach = max(_PAIRING_REACH / resolution, 3.0)
-    squares = squared_distance(walls, limit=int(reach * reach))[state == _IS_OCCUPIED]
+    squares = distance.squared_distance(walls, limit=int(reach * reach))[state == _IS_OCCUPIED]
     squares = squares[squares != unreachable(squares)]
     paired = math.sqrt(np.percentile(squares, _PERCENT_PAIRED)) if len(squares) else 0.0
     return min(max(paired + 1, _LEAST_APART), max(_MOST_APART / resolution, _LEAST_APART))
@@ -339,10 +337,10 @@ def _drop_doubled(earlier: Values, later: Values, reach: float, *, keeps_new: bo
         return
     base, reduced = (later, earlier) if keeps_new else (earlier, later)
     own, walls = reduced >= OCCUPIED_FROM, base >= OCCUPIED_FROM
-    doubled = own & within_distance(walls, int(reach * reach))
+    doubled = own & distance.within_distance(walls, int(reach * reach))
     # an obstacle that stands out from the walls of the base, such as a closed door, stays whole
-    stands_out = own & ~within_distance(walls, int(4 * reach * reach))
-    doubled &= ~within_distance(stands_out, int((2 * reach + 1) ** 2))
+    stands_out = own & ~distance.within_distance(walls, int(4 * reach * reach))
+    doubled &= ~distance.within_distance(stands_out, int((2 * reach + 1) ** 2))
     # unknown, so that the value of the base counts there
     reduced[doubled & ~walls] = UNKNOWN
 
@@ -350,7 +348,7 @@ def _drop_doubled(earlier: Values, later: Values, reach: float, *, keeps_new: bo
 def _share_within(own: Mask, walls: Mask, cells: float) -> float | None:
     count = _count(own)
     square = int(cells * cells + _TOUCHING)
-    return _count(own & within_distance(walls, square)) / count if count else None
+    return _count(own & distance.within_distance(walls, square)) / count if count else None
 
 
 def thickness(grid: OccupancyGrid) -> float | None:
@@ -359,7 +357,7 @@ def thickness(grid: OccupancyGrid) -> float | None:
 
 
 def check_is_map(grid: object, name: str) -> OccupancyGrid:
-    if not isinstance(grid, OccupancyGrid) or isinstance(grid, FieldView):
+    if not isinstance(grid, OccupancyGrid) or isinstance(grid, field.FieldView):
         rule = "is not a map; merge the maps, and compute costs and fields from the result"
         raise ParameterError(rule, source=name)
     return grid
@@ -368,11 +366,11 @@ def check_is_map(grid: object, name: str) -> OccupancyGrid:
 def _resampled(lattice: Frame, grid: OccupancyGrid, frame: Frame) -> tuple[Values, Values]:
     """Return a map on the lattice: without losing an obstacle, and its values at cell centres."""
     placed = replace(grid, origin=frame.origin)
-    coincides = region_on_lattice(frame, lattice) is not None
-    safe = resampled(placed, lattice, rule="nearest" if coincides else "area").occupancy
+    coincides = canvas.region_on_lattice(frame, lattice) is not None
+    safe = canvas.resampled(placed, lattice, rule="nearest" if coincides else "area").occupancy
     if coincides or frame.resolution < lattice.resolution:
         return safe, safe
-    return safe, resampled(placed, lattice, rule="nearest").occupancy
+    return safe, canvas.resampled(placed, lattice, rule="nearest").occupancy
 
 
 def _corners_of_known(occupancy: Values) -> Integers:

@@ -11,19 +11,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.compare.align import bend_between
-from mapdeal.compare.difference import middle_xy
+from mapdeal import errors, records
+from mapdeal.compare import align, difference
 from mapdeal.compare.walls import pooled
-from mapdeal.errors import ParameterError, as_known, nearest
 from mapdeal.grid import values as map_values
 from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import decimal_text
-from mapdeal.kernels import components, lookup, threads
+from mapdeal.kernels import components, distance, lookup, threads
 from mapdeal.kernels.arrays import Mask, unreachable
-from mapdeal.kernels.distance import squared_distance, within_distance
-from mapdeal.records import dataclass
 
 States = NDArray[np.uint8]  # `UNKNOWN`, `FREE` or `OCCUPIED`, shape (H, W)
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
@@ -232,7 +228,7 @@ def _gaussian_moments(a: States, b: States) -> _Moments:
     return mean(x), mean(y), mean(x * y), mean(x * x + y * y)
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class Comparison:
     """A map beside the true one, on the lattice of that, and its score."""
 
@@ -260,8 +256,8 @@ def states_on(frame: Frame, grid: OccupancyGrid, transform: Transform | None) ->
 def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:
     """Return the score of a map that is on the lattice of the true one already."""
     walls, true_walls = estimate == OCCUPIED, truth == OCCUPIED
-    to_truth = squared_distance(true_walls)[walls]
-    to_estimate = squared_distance(walls)[true_walls]
+    to_truth = distance.squared_distance(true_walls)[walls]
+    to_estimate = distance.squared_distance(walls)[true_walls]
     distances = {
         "dist_est_to_truth_m": to_truth,
         "dist_truth_to_est_m": to_estimate,
@@ -498,7 +494,7 @@ def figure_text(value: float | None, unit: str) -> str:
         return str(int(value))
     if unit == NUMBER:
         return f"{value:.3f}"
-    return f"{decimal_text(value)} {unit}"
+    return f"{map_values.decimal_text(value)} {unit}"
 
 
 NOTHING_COMPARED = "the maps have no known cell in common"
@@ -506,7 +502,7 @@ _OF_OVERLAP = ("known_in_both", "coverage", "coverage_free")
 Side = Literal["min", "max"]
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class ScoreBound:
     """Bound on a figure of a score, and the value found.
 
@@ -546,13 +542,13 @@ def checked_bounds(
             name = _known_name(spelling, side, with_truth=with_truth)
             if not isinstance(allowed, Real) or not math.isfinite(allowed):
                 rule = "must be a finite number"
-                raise ParameterError(rule, source=f"--{side}", place=name, got=allowed)
+                raise errors.ParameterError(rule, source=f"--{side}", place=name, got=allowed)
             found.append((name, side, float(allowed)))
     least = {name: allowed for name, side, allowed in found if side == "min"}
     for name, side, allowed in found:
         if side == "max" and allowed < least.get(name, -math.inf):
             rule = f"cannot be both at least {least[name]:g} and at most {allowed:g}"
-            raise ParameterError(rule, source="--min, --max", place=name)
+            raise errors.ParameterError(rule, source="--min, --max", place=name)
     return found
 
 
@@ -588,7 +584,7 @@ def unit_of(name: str, *, with_truth: bool) -> str:
 
 def _known_name(spelling: str, side: str, *, with_truth: bool) -> str:
     names = figures_named(with_truth=with_truth)
-    name = as_known(spelling, names)
+    name = errors.as_known(spelling, names)
     if name in names:
         return name
     inside = [figure for figure in names if figure.startswith(f"{name}.")]
@@ -598,10 +594,10 @@ def _known_name(spelling: str, side: str, *, with_truth: bool) -> str:
         rule = "is a figure " + ("of a map without a truth" if with_truth else "that needs a truth")
         hint = "omit --truth" if with_truth else "add --truth"
     else:
-        near = nearest(name, names)
+        near = errors.nearest(name, names)
         rule = "is not a figure of a score"
         hint = f"did you mean {near}?" if near else "listed by mapdeal score --json, Score.values"
-    raise ParameterError(rule, source=f"--{side}", got=spelling, hint=hint)
+    raise errors.ParameterError(rule, source=f"--{side}", got=spelling, hint=hint)
 
 
 _MIDDLE = 1 / 3  # of the way from the centre to the border: still called the middle
@@ -635,7 +631,7 @@ _LEAST_BEND, _LEAST_GAIN = 0.1, 0.08
 _MAPPED = 2.0  # cells from free space within which a map should show a wall
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Fault:
     """One fault of a map; severity: multiple of the least share that is a fault."""
 
@@ -650,7 +646,7 @@ class Fault:
 
     @property
     def text(self) -> str:
-        amount = decimal_text(self.amount, 3) if self.unit else f"{self.amount:.0f}"
+        amount = map_values.decimal_text(self.amount, 3) if self.unit else f"{self.amount:.0f}"
         amount += f" {self.unit}" if self.unit else ""
         if self.share is None:
             return f"{self.kind}: by up to {amount}, most {self.place}"
@@ -686,7 +682,7 @@ def _faults_in(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]
             severity = share / _LEAST[kind]
             yield Fault(kind, amount, unit, share, *place, place_text(maps[1], place), severity)
 
-    bend = bend_between(*maps)
+    bend = align.bend_between(*maps)
     least = max(_LEAST_BEND, 2 * cell)
     if bend.metres >= least and bend.share_bent - bend.share >= _LEAST_GAIN:
         place = place_text(maps[1], bend.point_xy)
@@ -695,7 +691,7 @@ def _faults_in(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]
         near += bend.metres
     walls, true_walls = estimate == OCCUPIED, truth == OCCUPIED
     square = int((near / cell) ** 2)
-    astray = walls & (truth == FREE) & ~within_distance(true_walls, square)
+    astray = walls & (truth == FREE) & ~distance.within_distance(true_walls, square)
     specks = astray & ~components.drop_small_groups(walls, LEAST_PIECE)
     ghosts = astray & ~specks
     yield from fault("ghost walls", ghosts, float(ghosts.sum()) * cell, "m", walls)
@@ -704,8 +700,8 @@ def _faults_in(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]
     known = (truth != UNKNOWN) & ~true_walls
     missing = known & (estimate == UNKNOWN)
     yield from fault("missing area", missing, float(missing.sum()) * cell**2, "m2", known)
-    mapped = true_walls & within_distance(estimate == FREE, int(_MAPPED**2))
-    faded = mapped & ~within_distance(walls, square)
+    mapped = true_walls & distance.within_distance(estimate == FREE, int(_MAPPED**2))
+    faded = mapped & ~distance.within_distance(walls, square)
     yield from fault("faded walls", faded, float(faded.sum()) * cell, "m", mapped)
 
 
@@ -721,7 +717,7 @@ def _most_of(cells: Mask, frame: Frame) -> tuple[float, float]:
     in_part = np.zeros(counts.shape, dtype=np.bool_)
     in_part[tuple(blocks[groups == sizes.argmax()].T)] = True
     cluster = np.argwhere(cells)
-    return middle_xy(frame, cluster[in_part[tuple(cluster.T // factor)]])
+    return difference.middle_xy(frame, cluster[in_part[tuple(cluster.T // factor)]])
 
 
 def document_of(faults: tuple[Fault, ...]) -> list[dict[str, Any]]:

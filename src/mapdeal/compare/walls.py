@@ -15,9 +15,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid import occupancy, values as codes
 from mapdeal.grid.frame import Frame, Transform
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.distance import beside, dilate_square, squared_distance
 from mapdeal.records import dataclass, replace
@@ -84,10 +83,10 @@ def some_of(values: NDArray[Scalar], most: int) -> NDArray[Scalar]:
     return values if len(values) <= most else values[np.arange(most) * len(values) // most]
 
 
-def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | None:
+def walls_of(grid: occupancy.OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | None:
     # In a map with hardly any free space, such as a drawing, all cells but walls count as free.
     occupied, values = grid.occupied(), grid.occupancy
-    free = (values > UNKNOWN) & (values < _MOST_FREE)
+    free = (values > codes.UNKNOWN) & (values < _MOST_FREE)
     rows, cols = (np.flatnonzero((occupied | free).any(axis=axis)) for axis in (1, 0))
     if not occupied.any():
         return None

@@ -20,10 +20,9 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from mapdeal.compatibility import file_digest
+from mapdeal import compatibility, records
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
 from mapdeal.kernels.threads import set_within, tables_claimed
-from mapdeal.records import dataclass, replace
 
 YAML, BIT_MAP = (".yaml", ".yml"), ".pbm"
 LFS_POINTER = b"version https://git-lfs"
@@ -255,7 +254,7 @@ def binary_file(path: Path) -> Iterator[BinaryIO]:
 def sha256_of(path: Path) -> str:
     check_readable(path)
     with access_to(path), path.open("rb") as file:
-        return file_digest(file, "sha256").hexdigest()
+        return compatibility.file_digest(file, "sha256").hexdigest()
 
 
 def holds(path: Path, sha256: str) -> bool:
@@ -325,7 +324,7 @@ _SMALL = 256_000_000
 """Defaults: up to _SMALL bytes of free memory are used in full, and _LEAST by each job at least."""
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Budget:
     limit: int | None  # bytes; None for unlimited
     origin: str = ""  # of the limit, for messages; empty if it was chosen
@@ -359,7 +358,7 @@ def current_budget(*, anew: bool = False) -> Budget:
 def holding(count: int) -> AbstractContextManager[None]:
     # A negative count cancels claims of readers whose results do not stay in memory.
     budget = current_budget()
-    return set_within(_current, replace(budget, used=budget.used + count))
+    return set_within(_current, records.replace(budget, used=budget.used + count))
 
 
 def room() -> int | None:

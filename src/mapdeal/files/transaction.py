@@ -18,13 +18,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from mapdeal.compatibility import file_digest
+from mapdeal import compatibility, records
 from mapdeal.errors import FileAccessError, ParameterError, refuse_warnings
-from mapdeal.files.json_values import encode_json
-from mapdeal.files.source import access_to, holds, is_same_file, real_path
-from mapdeal.kernels.blocks import Layer, activity, swept
-from mapdeal.kernels.threads import ThreadPool, thread_count
-from mapdeal.records import dataclass
+from mapdeal.files import json_values, source
+from mapdeal.kernels import blocks, threads
 
 try:
     import fcntl
@@ -68,7 +65,7 @@ class Temporary:
         # and remove it; then the loop creates another file.
         while True:
             self.path, self._is_ours = _name_beside(self.destination, _NEW_SUFFIX), True
-            with access_to(self.destination, "written"):
+            with source.access_to(self.destination, "written"):
                 descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
             if fcntl is not None:
                 # Some network file systems have no locks; then stale files are not removed.
@@ -83,13 +80,13 @@ class Temporary:
 
     def fill(self, writer: Writer, with_checksum: bool) -> str:
         file = self.file
-        with activity(f"writing {self.destination.name}"):
+        with blocks.activity(f"writing {self.destination.name}"):
             writer(file)
         file.flush()
         if not with_checksum:
             return ""
         file.seek(0)
-        return file_digest(file, "sha256").hexdigest()
+        return compatibility.file_digest(file, "sha256").hexdigest()
 
     def sync(self) -> None:
         if self._file is not None:
@@ -245,16 +242,16 @@ PutRows = Callable[[slice], object]
 OpenOutput = tuple[Path, BinaryIO, Writer]  # its path, temporary file, and writer of its contents
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class RowsWriter:
     """A writer that accepts rows in any order, so that one pass can serve several files."""
 
-    layer: Layer
+    layer: blocks.Layer
     begin: Callable[[BinaryIO], tuple[PutRows, Callable[[], object]]]
 
     def __call__(self, file: BinaryIO) -> None:
         write_rows, finish = self.begin(file)
-        for rows in swept(self.layer):
+        for rows in blocks.swept(self.layer):
             write_rows(rows)
         finish()
 
@@ -275,7 +272,7 @@ class Transaction:
         self._replaces, self._with_checksums = force, checksums
         self._removed: list[Path] = []
         # with one thread allowed, this thread writes, too
-        self._pool = ThreadPool(thread_count() if thread_count() > 1 else 0)
+        self._pool = threads.ThreadPool(threads.thread_count() if threads.thread_count() > 1 else 0)
         self._temporaries: list[Temporary] = []
         self._pending: list[tuple[Temporary, Future[str]]] = []
         self._together: list[tuple[Temporary, Writer]] | None = None
@@ -283,7 +280,7 @@ class Transaction:
         places: set[Path] = set()
         for output in self._outputs:
             _check_output(output, inputs, None if force else hint)
-            if (place := real_path(output.parent) / output.name) in places:
+            if (place := source.real_path(output.parent) / output.name) in places:
                 raise ParameterError("is the place of two outputs", source=output)
             places.add(place)
 
@@ -320,7 +317,7 @@ class Transaction:
     def write_parts(self, path: Path, parts: Iterable[bytes]) -> None:
         temporary = self._open_output(path)
         for part in parts:
-            with access_to(path, "written"):
+            with source.access_to(path, "written"):
                 temporary.file.write(part)
         self._finish(temporary, lambda _: None)
 
@@ -340,19 +337,19 @@ class Transaction:
         self.write(path, lambda file: file.write(data))
 
     def write_json(self, path: Path, document: Any) -> None:
-        self.write_bytes(path, encode_json(document))
+        self.write_bytes(path, json_values.encode_json(document))
 
     def wait(self) -> dict[Path, str]:
         """Wait until all files so far are written; return their sha256, if it is wanted."""
         sums = {}
         for temporary, future in self._pending:
-            with access_to(temporary.destination, "written"):
+            with source.access_to(temporary.destination, "written"):
                 sums[temporary.destination] = future.result()
         return sums
 
     def remove_if_unchanged(self, path: Path, sha256: str) -> None:
         """Mark a file for removal at the end if its sha256 is given and it is no input."""
-        if not _is_input(path, self._inputs) and holds(path, sha256):
+        if not _is_input(path, self._inputs) and source.holds(path, sha256):
             self._removed.append(path)
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
@@ -364,7 +361,7 @@ class Transaction:
                 # all at once after the last write: the first fsync flushes most of the data
                 syncs = [self._pool.submit(temporary.sync) for temporary in temporaries]
                 for temporary, future in zip(temporaries, syncs, strict=True):
-                    with access_to(temporary.destination, "written"):
+                    with source.access_to(temporary.destination, "written"):
                         future.result()
                 _rename_all(temporaries, self._removed, replaces=self._replaces)
                 self._created_folders.clear()
@@ -396,7 +393,7 @@ class Transaction:
                 if isinstance(error, FileExistsError) and not os.path.lexists(new):
                     # another process removed it before mkdir checked that it is a folder
                     raise FileNotFoundError(new) from None
-                with access_to(new, "made"):
+                with source.access_to(new, "made"):
                     raise
 
     def _discard(self) -> None:
@@ -429,14 +426,14 @@ def _rename_all(temporaries: list[Temporary], removed: list[Path], *, replaces: 
             raise FileAccessError("the output exists", source=existing[0], hint=hint)
         try:
             for path in existing if len(paths) > 1 else ():
-                with access_to(path, "replaced"):
+                with source.access_to(path, "replaced"):
                     backups[path] = back_up_beside(path)
             for temporary in temporaries:
-                with access_to(temporary.destination, "replaced"):
+                with source.access_to(temporary.destination, "replaced"):
                     temporary.rename()
                 changed.append(temporary.destination)
             for path in removed:
-                with access_to(path, "removed"):
+                with source.access_to(path, "removed"):
                     path.unlink()
                 changed.append(path)
         except BaseException:
@@ -472,7 +469,7 @@ def _roll_back(changed: Sequence[Path], backups: dict[Path, Path]) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    with access_to(folder, "made"):
+    with source.access_to(folder, "made"):
         folder.mkdir(parents=True, exist_ok=True)
 
 
@@ -501,7 +498,7 @@ def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> Non
 
 
 def _is_input(path: Path, inputs: Sequence[Path]) -> bool:
-    return any(is_same_file(path, input_path) for input_path in inputs)
+    return any(source.is_same_file(path, input_path) for input_path in inputs)
 
 
 def _check_parents(output: Path) -> None:

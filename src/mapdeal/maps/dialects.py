@@ -20,14 +20,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal import errors, records
 from mapdeal.files.yaml_text import Entry, read_mapping, yaml_document
 from mapdeal.grid.field import ESDF_VIEW, View, ViewScale
 from mapdeal.grid.frame import Origin, check_origin, check_resolution
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
 from mapdeal.kernels.arrays import Bytes, Floats
 from mapdeal.maps.picture import Picture, Samples, by_sample, opaque_greys, to_16_bit, warn_of
-from mapdeal.records import dataclass, field
 
 Mode = Literal["trinary", "scale", "raw"]
 Dialect = Literal["nav2", "humble", "ros1"]
@@ -39,7 +38,7 @@ _NO, _YES = ("0", "false", "no", "off"), ("1", "true", "yes", "on")
 _VIEW_KEYS = ("layer", "view", "view_range", "farthest", "deepest")
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class MapMetadata:
     image: str
     resolution: float
@@ -50,7 +49,7 @@ class MapMetadata:
     free_thresh: float = 0.196
     cost_scale: CostScale | None = None
     view: ViewScale | None = None
-    extra: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    extra: Mapping[str, Any] = records.field(default_factory=lambda: MappingProxyType({}))
 
 
 def read_metadata(path: Path, *, dialect: Dialect = "nav2") -> MapMetadata:
@@ -62,7 +61,7 @@ def metadata_of(
 ) -> MapMetadata:
     if missing := [key for key in _REQUIRED if key not in entries]:
         rule = f"missing key{'s' if len(missing) > 1 else ''} {', '.join(missing)}"
-        raise MalformedInputError(rule, source=path, hint=_typo_hint(missing, entries))
+        raise errors.MalformedInputError(rule, source=path, hint=_typo_hint(missing, entries))
     defaults = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196"}
     if absent := {key: value for key, value in defaults.items() if key not in entries}:
         them = "them" if len(absent) > 1 else "it"
@@ -88,16 +87,16 @@ def metadata_of(
 
 def _crossed_thresholds(
     path: Path, entries: dict[str, Entry], occupied: float, free: float
-) -> MalformedInputError:
+) -> errors.MalformedInputError:
     if "free_thresh" not in entries:
         missing, relation = "free_thresh", f"{free:g} exceeds occupied_thresh {occupied:g}"
     elif "occupied_thresh" not in entries:
         missing, relation = "occupied_thresh", f"{occupied:g} is below free_thresh {free:g}"
     else:
         rule = f"must not be larger than occupied_thresh ({occupied:g})"
-        return MalformedInputError(rule, source=path, place="free_thresh", got=free)
+        return errors.MalformedInputError(rule, source=path, place="free_thresh", got=free)
     rule, hint = f"is missing and its default {relation}", f"write {missing}"
-    return MalformedInputError(rule, source=path, place=missing, hint=hint)
+    return errors.MalformedInputError(rule, source=path, place=missing, hint=hint)
 
 
 def yaml_of(metadata: MapMetadata) -> bytes:
@@ -134,7 +133,7 @@ def _number(entry: Entry) -> float:
 def _resolution(entry: Entry) -> float:
     try:
         return check_resolution(_number(entry))
-    except ParameterError as error:
+    except errors.ParameterError as error:
         raise entry.error(error.rule) from None
 
 
@@ -152,7 +151,7 @@ def _origin(entry: Entry, mend: bool) -> Origin:
             text = f"a yaw of {origin[2]:.6g} rad is more than a turn; is it in degrees?"
             warn_of(entry.source, f"{entry.place}: {text}", "yaml.yaw-in-degrees")
         return origin
-    except ParameterError as error:
+    except errors.ParameterError as error:
         raise entry.error(error.rule) from None
 
 
@@ -221,7 +220,7 @@ def _view(entries: dict[str, Entry], mode: Mode) -> ViewScale | None:
     numbers = {key: _number(entries[key]) for key in keys}
     try:
         return ViewScale(view, **numbers)
-    except ParameterError as error:
+    except errors.ParameterError as error:
         raise entries[str(error.place)].error(error.rule) from None
 
 

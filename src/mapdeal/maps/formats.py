@@ -8,21 +8,19 @@ from pathlib import Path
 from mapdeal.errors import ParameterError
 from mapdeal.files.source import BIT_MAP
 from mapdeal.grid.values import join_words
-from mapdeal.maps.map_file import MapFormat
+from mapdeal.maps import map_file, npz, pbstream
 from mapdeal.maps.map_server import BITS, PAIR
-from mapdeal.maps.npz import NPZ
-from mapdeal.maps.pbstream import PBSTREAM
 
-FORMATS: tuple[MapFormat, ...] = (PAIR, NPZ, BITS, PBSTREAM)
+FORMATS: tuple[map_file.MapFormat, ...] = (PAIR, npz.NPZ, BITS, pbstream.PBSTREAM)
 MAP_ENDINGS = tuple(ending for entry in FORMATS for ending in entry.endings)
 
 
-def format_of(path: Path) -> MapFormat:
+def format_of(path: Path) -> map_file.MapFormat:
     """Return the format of a map by its ending; files without a known one are read as YAML."""
     return next((entry for entry in FORMATS if path.suffix.lower() in entry.endings), PAIR)
 
 
-def output_format(output: Path, more: Sequence[str] = ()) -> MapFormat:
+def output_format(output: Path, more: Sequence[str] = ()) -> map_file.MapFormat:
     """Return the format that an output's ending names; errors list `more` endings, too."""
     written = [entry for entry in FORMATS if entry.write is not None]
     for entry in written:

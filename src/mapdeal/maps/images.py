@@ -25,12 +25,11 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
+from mapdeal import errors, records
 from mapdeal.files import source as sources
 from mapdeal.kernels.blocks import Layer
 from mapdeal.maps import picture as pictures
 from mapdeal.maps.picture import ImageFormat, OpenFile, OpenImage, Picture, Samples, Strips, warn_of
-from mapdeal.records import replace
 
 _NOT_AN_IMAGE = "is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
 _NOT_SEPARATE = "white space must separate the header from the pixels"
@@ -116,7 +115,7 @@ class PnmImage(OpenImage):
         count = (end - first) * self._row_bytes
         data = self.file.read(start + first * self._row_bytes, count)
         if len(data) < count:
-            raise FileAccessError(sources.CHANGED, source=self.file.path)
+            raise errors.FileAccessError(sources.CHANGED, source=self.file.path)
         samples: Samples = np.frombuffer(data, dtype=np.uint8)
         if self._is_bits:
             bits = np.unpackbits(samples.reshape(-1, self._row_bytes), axis=1, count=self.width)
@@ -236,7 +235,7 @@ def check_pixels(samples: NDArray[Any], maxval: int, first: int, source: Path) -
         flat = samples.reshape(-1)
         index = int(np.argmax(flat > maxval))
         rule, place = f"pixels must not exceed maxval {maxval}", f"pixel {first + index}"
-        raise MalformedInputError(rule, source=source, place=place, got=int(flat[index]))
+        raise errors.MalformedInputError(rule, source=source, place=place, got=int(flat[index]))
 
 
 def _read_header(file: OpenFile) -> tuple[int, list[int], int]:
@@ -489,7 +488,7 @@ def _picture_of(image: Any, name: str, raw_mode: str, info: dict[str, Any], path
     elif mode == "RGBA":
         picture = Picture(name, "rgb", pixels[..., :3], alpha=pixels[..., 3])
     else:
-        raise MalformedInputError("unsupported pixel type", source=path, got=mode)
+        raise errors.MalformedInputError("unsupported pixel type", source=path, got=mode)
     return _with_png_facts(picture, raw_mode, info) if name == "PNG" else picture
 
 
@@ -513,7 +512,7 @@ def _with_png_facts(picture: Picture, raw_mode: str, info: Mapping[str, Any]) ->
     facts = [(key, value) for key, value in info.items() if not isinstance(value, str)]
     display = [f"a gamma of {value:g}" if key == "gamma" else "a colour profile"
                for key, value in facts if key in ("gamma", "icc_profile")]  # fmt: skip
-    picture = replace(picture, display=tuple(display))
+    picture = records.replace(picture, display=tuple(display))
     key = info.get("transparency")
     if picture.palette is not None or picture.alpha is not None or not isinstance(key, int | tuple):
         return picture
@@ -526,7 +525,7 @@ def _with_png_facts(picture: Picture, raw_mode: str, info: Mapping[str, Any]) ->
         transparent = picture.samples == key * (255 // ((1 << _DEPTHS.get(raw_mode, 8)) - 1))
     full = np.array(picture.maxval, dtype=picture.samples.dtype)
     alpha = np.where(transparent, np.zeros_like(full), full)
-    return replace(picture, alpha=alpha, alpha_from="key")
+    return records.replace(picture, alpha=alpha, alpha_from="key")
 
 
 @contextmanager
@@ -550,15 +549,15 @@ def damage_refused(path: Path) -> Iterator[None]:
                 yield
             finally:
                 Image.MAX_IMAGE_PIXELS = limit
-    except MapdealError:
+    except errors.MapdealError:
         raise
     except Exception as error:  # noqa: BLE001 - Pillow's readers fail in many ways
         if isinstance(error, OSError) and error.errno is not None:
-            raise FileAccessError(f"cannot be read: {error.strerror}", source=path) from None
+            raise errors.FileAccessError(f"cannot be read: {error.strerror}", source=path) from None
         reason = str(error) or type(error).__name__
         if isinstance(error, UnidentifiedImageError):  # its text contains a memory address
             reason = "an embedded part is not an image"
-        raise MalformedInputError(f"the image is damaged: {reason}", source=path) from None
+        raise errors.MalformedInputError(f"the image is damaged: {reason}", source=path) from None
 
 
 @contextmanager

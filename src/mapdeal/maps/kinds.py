@@ -17,16 +17,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
-from mapdeal.files import source
+from mapdeal import errors, records
+from mapdeal.files import source, yaml_text
 from mapdeal.files.json_values import LARGEST_DOCUMENT, document_kind, finite_or_text, read_json
 from mapdeal.files.text import BYTE_ORDER_MARK, coordinate_name, delimiter_of, is_number
-from mapdeal.files.yaml_text import OF_SHAPES, read_mapping
 from mapdeal.grid.values import join_words
+from mapdeal.maps import images, npz
 from mapdeal.maps.formats import FORMATS, MAP_ENDINGS
-from mapdeal.maps.images import read_image_size, recognised_format
-from mapdeal.maps.npz import NPZ, NpzReader
-from mapdeal.records import dataclass, replace
 
 MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
 IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git LFS pointer"
@@ -80,7 +77,7 @@ _GRAPH_USE = "mapdeal lint MAP --graph {path} checks it, mapdeal route MAP --gra
 _OF_A_MAP_USE = "mapdeal report MAP {path} -o OUT.html shows it on its map"
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class FileKind:
     name: str
     what: str
@@ -96,11 +93,11 @@ def kind_of(path: Path) -> FileKind | None:
         head = source.head_of(path, _HEAD).removeprefix(BYTE_ORDER_MARK)
         kind = next(filter(None, (detect(path, head) for detect in _DETECTORS)), None)
     as_typed = shlex.quote(str(path))
-    return None if kind is None else replace(kind, use=kind.use.format(path=as_typed))
+    return None if kind is None else records.replace(kind, use=kind.use.format(path=as_typed))
 
 
 def readable_kind(path: Path) -> FileKind | None:
-    with suppress(MapdealError):
+    with suppress(errors.MapdealError):
         return kind_of(path)
     return None
 
@@ -117,21 +114,21 @@ def recognised(path: Path, expected: str, *kinds: str) -> Iterator[None]:
     """Name the kind of a file in errors if it is not the one expected."""
     try:
         yield
-    except (MalformedInputError, FileAccessError) as error:
+    except (errors.MalformedInputError, errors.FileAccessError) as error:
         if str(error.source) != str(path):
             raise
         kind = readable_kind(path)
         if kind is None and MAP in kinds and path.suffix.lower() not in MAP_ENDINGS:
             error.hint = error.hint or _MAPS_ARE
-            if isinstance(error, MalformedInputError):
-                raise MalformedInputError(_UNKNOWN, source=path, hint=_MAPS_ARE) from None
+            if isinstance(error, errors.MalformedInputError):
+                raise errors.MalformedInputError(_UNKNOWN, source=path, hint=_MAPS_ARE) from None
         if kind is None or kind.name in kinds:
             raise
         raise other_kind(path, kind, expected) from None
 
 
-def other_kind(path: Path, kind: FileKind, expected: str) -> MalformedInputError:
-    return MalformedInputError(f"is {kind.what}, not {expected}", source=path, hint=kind.use)
+def other_kind(path: Path, kind: FileKind, expected: str) -> errors.MalformedInputError:
+    return errors.MalformedInputError(f"is {kind.what}, not {expected}", source=path, hint=kind.use)
 
 
 def _kind_of_folder(path: Path) -> FileKind | None:
@@ -140,7 +137,7 @@ def _kind_of_folder(path: Path) -> FileKind | None:
         return FileKind(BAG, "a folder with a ROS 2 bag", _BAG_USE)
     if source.exists(path / "summary.json"):
         return _kind_of_json(path / "summary.json", b"{")
-    with suppress(FileAccessError):
+    with suppress(errors.FileAccessError):
         suffixes = {Path(name).suffix.lower() for name in source.contents_of(path)[1]}
         if suffixes & set(_BAG_ENDINGS) and suffixes <= {*_BAG_ENDINGS, *_OTHER_ENDINGS_IN_BAGS}:
             return FileKind(BAG, "a folder with a ROS 2 bag, without its metadata", _BAG_USE)
@@ -217,10 +214,10 @@ def _looks_like_kitti(head: bytes, size: int) -> bool:
 def _kind_of_npz(path: Path, head: bytes) -> FileKind | None:
     if not head.startswith(b"PK"):
         return None
-    with NpzReader(path, 1) as reader:
+    with npz.NpzReader(path, 1) as reader:
         names = reader.names()
         if "format" in names:
-            return FileKind(MAP, NPZ.name, _MAP_USE)
+            return FileKind(MAP, npz.NPZ.name, _MAP_USE)
         if {"poses", "angles", "ranges"} <= names:
             scans = reader.header("ranges").shape
             figures = {"scans": scans[0], "beams": scans[1]} if len(scans) == 2 else {}
@@ -233,11 +230,11 @@ def _kind_of_npz(path: Path, head: bytes) -> FileKind | None:
 
 
 def _kind_of_image(path: Path, head: bytes) -> FileKind | None:
-    if (image := recognised_format(head)) is None:
+    if (image := images.recognised_format(head)) is None:
         return None
 
     def figures() -> dict[str, Any]:
-        height, width = read_image_size(path)
+        height, width = images.read_image_size(path)
         return {"pixels": f"{width} x {height}"}
 
     beside = [p for p in map(path.with_suffix, source.YAML) if p != path and source.exists(p)]
@@ -326,8 +323,8 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
         return FileKind(MAP, "a map", _MAP_USE)
     entries = {}
     try:
-        entries = read_mapping(path, OF_SHAPES)
-    except MalformedInputError:
+        entries = yaml_text.read_mapping(path, yaml_text.OF_SHAPES)
+    except errors.MalformedInputError:
         if path.suffix.lower() not in source.YAML or _STAGES_KEY.search(head):
             return None
     if "image" in entries:
@@ -335,13 +332,13 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
     if "stages" in entries:
         use = "mapdeal run MAP -o DIR --recipe {path} takes it"
         stages: list[str] = []
-        with suppress(MalformedInputError):
+        with suppress(errors.MalformedInputError):
             for stage in entries["stages"].items():
                 is_name = isinstance(stage.node, yaml.ScalarNode)
                 stages.append(stage.text() if is_name else next(iter(stage.fields()), ""))
         return FileKind(RECIPE, "a recipe", use, lambda: {"stages": ", ".join(stages)})
     if "shapes" in entries:
-        with suppress(MalformedInputError):
+        with suppress(errors.MalformedInputError):
             return _shapes("YAML", {"shapes": len(entries["shapes"].items())})
     if "rosbag2_bagfile_information" in entries:
         return FileKind(BAG, "the description of a ROS 2 bag", _BAG_USE)
@@ -417,12 +414,12 @@ def save_npz(chunks: Iterable[bytes], folder: Path) -> Path:
                 source.claim(STDIN, length)
             elif length > source.LONGEST_STREAM:
                 rule = f"must not be larger than {source.LONGEST_STREAM} bytes"
-                raise MalformedInputError(rule, source=STDIN)
+                raise errors.MalformedInputError(rule, source=STDIN)
     if not head:
         hint = "the command before it in the pipe has written nothing"
-        raise MalformedInputError("is empty", source=STDIN, hint=hint)
+        raise errors.MalformedInputError("is empty", source=STDIN, hint=hint)
     if not head.startswith(_ZIP):
         kind = readable_kind(path)
         rule = "is not an npz" if kind is None else f"is {kind.what}, not an npz"
-        raise MalformedInputError(rule, source=STDIN, hint=_HINT)
+        raise errors.MalformedInputError(rule, source=STDIN, hint=_HINT)
     return path

@@ -15,8 +15,7 @@ from typing import Any
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError, emit_warning
 from mapdeal.files import source as sources
 from mapdeal.files.json_values import MANIFEST, document_kind, read_json
-from mapdeal.maps.formats import FORMATS, MAP_ENDINGS, format_of
-from mapdeal.maps.kinds import kind_of, other_kind
+from mapdeal.maps import formats, kinds
 from mapdeal.records import dataclass
 
 _ANY_FOLDERS = "**"
@@ -136,9 +135,9 @@ def natural_key(text: str) -> tuple[list[str | int], str]:
     return [int(part) if k % 2 else part for k, part in enumerate(parts)], text
 
 
-_IN_FOLDERS = tuple(e for entry in FORMATS if entry.in_folders for e in entry.endings)
+_IN_FOLDERS = tuple(e for entry in formats.FORMATS if entry.in_folders for e in entry.endings)
 _NO_MAP, _NO_MAP_IN_FOLDER = (
-    ", ".join(f"no {entry.sign}" for entry in FORMATS if entry.in_folders or with_all)
+    ", ".join(f"no {entry.sign}" for entry in formats.FORMATS if entry.in_folders or with_all)
     for with_all in (True, False)
 )
 _LARGEST_LIST = 1 << 26
@@ -273,10 +272,10 @@ def _expand(
         path = path.parent
     if sources.is_folder(path):
         candidates, folders = _below_folder(path, output, exempt)
-        maps = [file for file in candidates if format_of(file).holds_map(file)]
-        kind = None if maps or exempt is not None else kind_of(path)
+        maps = [file for file in candidates if formats.format_of(file).holds_map(file)]
+        kind = None if maps or exempt is not None else kinds.kind_of(path)
         if kind is not None:
-            raise other_kind(path, kind, "a folder of maps")
+            raise kinds.other_kind(path, kind, "a folder of maps")
         if not maps and exempt is None:
             rule = f"is a directory without a map: {_NO_MAP_IN_FOLDER}{_outside_of(output)}; "
             rule += "folders of runs are left out"
@@ -284,10 +283,10 @@ def _expand(
         maps = [*maps, *folders] or [path]
         root = path
     elif has_magic(name) and not sources.exists(path):
-        matches = list_files([name], MAP_ENDINGS)
+        matches = list_files([name], formats.MAP_ENDINGS)
         candidates = [file for file in matches if not _lies_in(file.parent, output)]
         candidates = _without_images(candidates, keep_all=path.suffix.lower() == sources.BIT_MAP)
-        if not (maps := [file for file in candidates if format_of(file).holds_map(file)]):
+        if not (maps := [file for file in candidates if formats.format_of(file).holds_map(file)]):
             raise ParameterError(f"matches no map: {_NO_MAP}{_outside_of(output)}", source=name)
         # the fixed folders before the first wildcard
         root = Path(*takewhile(lambda part: not has_magic(part), path.parts))
@@ -295,10 +294,10 @@ def _expand(
         return _Expansion(path.parent if is_listed else None, [path], [])
     known = set(maps)
     left_out = [f for f in candidates if f not in known and f.suffix.lower() in sources.YAML]
-    yamls = {f.with_suffix("") for f in candidates if f in known and format_of(f).is_yaml}
+    yamls = {f.with_suffix("") for f in candidates if f in known and formats.format_of(f).is_yaml}
     maps = [
         file for file in maps
-        if not (format_of(file).yields_to_yaml and file.with_suffix("") in yamls)
+        if not (formats.format_of(file).yields_to_yaml and file.with_suffix("") in yamls)
     ]  # fmt: skip
     return _Expansion(root, maps, left_out)
 

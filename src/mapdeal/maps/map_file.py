@@ -8,35 +8,32 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mapdeal.errors import FileAccessError
+from mapdeal import errors, records
 from mapdeal.files.source import FileState, check_state, head_of, sha256_of, state_of
 from mapdeal.files.transaction import locked
-from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
+from mapdeal.grid import costmap, reach
 from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.frame import Figures, Frame
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import Reach
-from mapdeal.kernels import blocks
-from mapdeal.kernels.arrays import Array, Bytes
+from mapdeal.kernels import arrays, blocks
 from mapdeal.maps.dialects import Dialect, MapMetadata
 from mapdeal.maps.picture import warn_of
-from mapdeal.records import dataclass, field
 
-Grid = OccupancyGrid | Costmap | DistanceField | PotentialField | Reach
+Grid = OccupancyGrid | costmap.Costmap | DistanceField | PotentialField | reach.Reach
 G = TypeVar("G", bound=Grid)
-Painting = tuple[Bytes, str]
+Painting = tuple[arrays.Bytes, str]
 """Grey pixels of an image, row 0 in the south, and its comment."""
 
 _HALF_WAY = 50  # A cost that is low on either scale
 NOTHING_KNOWN = "every cell is unknown; are the thresholds, mode and negate right?"
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Source:
     grid: Grid
     files: tuple[Path, ...]
     metadata: MapMetadata | None = None
-    sums: Mapping[str, str] = field(default_factory=dict)
+    sums: Mapping[str, str] = records.field(default_factory=dict)
 
 
 class MapFile(ABC):
@@ -78,11 +75,11 @@ class MapFile(ABC):
         """Return what `info` says besides the figures of the grid."""
         return {}
 
-    def evidence(self) -> dict[str, Array]:
+    def evidence(self) -> dict[str, arrays.Array]:
         return {}
 
     def remark(self, grid: Grid) -> None:
-        if isinstance(grid, Costmap):
+        if isinstance(grid, costmap.Costmap):
             warn_of_cost_figures(self.path, grid.figures())
         elif isinstance(grid, OccupancyGrid):
             warn_of_nothing_known(self.path, grid.occupancy)
@@ -117,7 +114,7 @@ class MapFile(ABC):
             check_state(path, state)
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class MapFormat:
     """A format of map files; `formats.FORMATS` lists all of them."""
 
@@ -144,7 +141,7 @@ class MapFormat:
 
     def holds_map(self, path: Path) -> bool:
         """Return whether a file with one of the endings is a map, possibly a broken one."""
-        with suppress(FileAccessError):  # reading it as a map reports the error
+        with suppress(errors.FileAccessError):  # reading it as a map reports the error
             if self.magic and not head_of(path, max(map(len, self.magic))).startswith(self.magic):
                 return False
         return self.is_map(path)
@@ -164,7 +161,7 @@ def warn_of_cost_figures(path: Path, figures: Figures) -> None:
         is_blocked = figures["lethal"] + figures.get("inscribed", 0) > 0
         finding = "known cell is lethal or inscribed" if is_blocked else "cell is unknown"
         warn_of(path, f"every {finding}", "run.uniform-cost")
-    elif common["share"] > UNIFORM_SHARE:
+    elif common["share"] > costmap.UNIFORM_SHARE:
         advice = "a higher cost_scaling_factor, or the metric view, grades more of them"
         if not figures["lethal"]:
             advice = "there is no obstacle"

@@ -18,26 +18,21 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal import errors
+from mapdeal import errors, records
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
-from mapdeal.files import source as sources
+from mapdeal.files import source as sources, yaml_text
 from mapdeal.files.transaction import RowsWriter, Transaction, Writer
-from mapdeal.files.yaml_text import read_mapping
+from mapdeal.grid import costmap, field
 from mapdeal.grid.bit_map import BitMap
-from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import FieldView
 from mapdeal.grid.frame import Frame, Framed, Origin
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale, join_words, occupancy_from_cost
-from mapdeal.kernels import blocks
+from mapdeal.kernels import blocks, threads
 from mapdeal.kernels.lookup import look_up
-from mapdeal.kernels.threads import set_within
+from mapdeal.maps import map_file, png
 from mapdeal.maps.dialects import Dialect, MapMetadata, Mode, cells_of, read_metadata, yaml_of
 from mapdeal.maps.images import IMAGE_SUFFIXES, PnmImage, begin_pgm, open_image, write_pbm
-from mapdeal.maps.map_file import MapFile, MapFormat, Painting
 from mapdeal.maps.picture import OpenImage, Picture, Strips, by_sample, opened, warn_of
-from mapdeal.maps.png import write_png
-from mapdeal.records import replace
 
 _HEAD = 1 << 20
 MAP_SAVER_UNKNOWN = 205  # the grey that map_saver writes for unknown cells
@@ -54,7 +49,7 @@ class FreedCells:
         self.count = 0
         self.stay_free = False  # whether some of them stay free with the usual free_thresh
         usual_thresh = min(USUAL_FREE_THRESH, metadata.free_thresh)
-        self._metadata, self._usual = metadata, replace(metadata, free_thresh=usual_thresh)
+        self._metadata, self._usual = metadata, records.replace(metadata, free_thresh=usual_thresh)
         self._dialect: Dialect = dialect
         self._byte_is_free: bool | None = None
 
@@ -76,7 +71,7 @@ class FreedCells:
             return True
         if self._byte_is_free is None:
             grey = np.full((1, 1, *picture.samples.shape[2:]), MAP_SAVER_UNKNOWN, dtype=np.uint8)
-            cells = cells_of(replace(picture, samples=grey), self._metadata, self._dialect)
+            cells = cells_of(records.replace(picture, samples=grey), self._metadata, self._dialect)
             self._byte_is_free = bool(cells[0, 0] == FREE)
         return self._byte_is_free
 
@@ -185,7 +180,7 @@ _bare_images: ContextVar[tuple[float, Origin] | None] = ContextVar("bare_images"
 
 def bare_images(resolution: float, origin: Origin) -> AbstractContextManager[None]:
     """Read images named in place of a YAML file as maps, with the usual thresholds."""
-    return set_within(_bare_images, (resolution, origin))
+    return threads.set_within(_bare_images, (resolution, origin))
 
 
 def chosen_geometry() -> tuple[float, Origin] | None:
@@ -224,14 +219,14 @@ def _is_yaml_of_map(path: Path) -> bool:
     """Return whether a YAML file is that of a map, possibly a broken one: it has the key image."""
     try:
         head = sources.head_of(path, _HEAD)
-        return sources.IMAGE_KEY.search(head) is not None or "image" in read_mapping(path)
+        return sources.IMAGE_KEY.search(head) is not None or "image" in yaml_text.read_mapping(path)
     except FileAccessError:
         return True  # reading it as a map reports the error
     except errors.MapdealError:
         return False
 
 
-class PairFile(MapFile):
+class PairFile(map_file.MapFile):
     """An open YAML file and its image, or an image without a YAML file."""
 
     metadata: MapMetadata
@@ -272,14 +267,14 @@ class PairFile(MapFile):
     def frame(self) -> Frame:
         return Frame(*self._image.shape, self.metadata.resolution, self.metadata.origin)
 
-    def cells(self) -> OccupancyGrid | Costmap:
+    def cells(self) -> OccupancyGrid | costmap.Costmap:
         metadata, image = self.metadata, self._image
         with image.strips() as strips:
             if metadata.cost_scale is not None:
                 cost = np.empty(strips.shape, dtype=np.uint8)
                 for rows, picture in strips.placed():
                     cost[rows] = costs_of(picture, image.file.path)[::-1]
-                return Costmap(cost, metadata.resolution, metadata.origin)
+                return costmap.Costmap(cost, metadata.resolution, metadata.origin)
             occupancy = np.empty(strips.shape, dtype=np.int8)
             remarks = PixelRemarks(metadata, self._dialect)
             for rows, picture in strips.placed():
@@ -320,7 +315,7 @@ def image_of(path: Path, metadata: MapMetadata, bits: Path | None) -> Path:
 
 def _grid_of(occupancy: blocks.Layer, metadata: MapMetadata) -> OccupancyGrid:
     if metadata.view is not None:
-        return FieldView(occupancy, metadata.resolution, metadata.origin, metadata.view)
+        return field.FieldView(occupancy, metadata.resolution, metadata.origin, metadata.view)
     return OccupancyGrid(occupancy, metadata.resolution, metadata.origin)
 
 
@@ -431,13 +426,13 @@ def _checked_image_name(image: Path) -> Path:
 
 
 def write_pair(
-    transaction: Transaction, output: Path, grid: OccupancyGrid | Costmap, *,
+    transaction: Transaction, output: Path, grid: OccupancyGrid | costmap.Costmap, *,
     mode: Mode | None = None, encoding: Encoding = "occupancy",
-    extra: Mapping[str, Any] | None = None, painted: Painting | None = None, **_: Any,
+    extra: Mapping[str, Any] | None = None, painted: map_file.Painting | None = None, **_: Any,
 ) -> None:  # fmt: skip
     image, yaml_path = pair_paths(output)
     cost_scale: CostScale | None = None
-    if isinstance(grid, Costmap):
+    if isinstance(grid, costmap.Costmap):
         if mode not in (None, "raw"):
             raise ParameterError("costs are written in mode raw", place="mode", got=mode)
         mode, pixels = "raw", grid.cost
@@ -456,7 +451,7 @@ def write_pair(
         pixels, comment = painted
         mode, write_image = "trinary", _pixel_writer(image, pixels, grid, comment)
     else:
-        is_raw = isinstance(grid, FieldView) or _has_graded_values(grid.occupancy)
+        is_raw = isinstance(grid, field.FieldView) or _has_graded_values(grid.occupancy)
         mode = mode or ("raw" if is_raw else "trinary")
         if mode == "trinary":
             grid = in_trinary(grid)
@@ -466,19 +461,19 @@ def write_pair(
         image=image.name, resolution=grid.resolution, origin=grid.origin, mode=mode,
         occupied_thresh=1.0 if scaled else 0.65, free_thresh=0.0 if scaled else 0.196,
         cost_scale=cost_scale,
-        view=grid.scale if isinstance(grid, FieldView) and mode == "raw" else None,
+        view=grid.scale if isinstance(grid, field.FieldView) and mode == "raw" else None,
         extra=extra or {},
     )  # fmt: skip
     transaction.write(image, write_image)
     transaction.write_bytes(yaml_path, yaml_of(metadata))
 
 
-PAIR = MapFormat(
+PAIR = map_file.MapFormat(
     "a map_server .yaml", sources.YAML, PairFile, is_yaml=True, is_map=_is_yaml_of_map,
-    header=_header, grids=(OccupancyGrid, Costmap), write=write_pair, paths=pair_paths,
+    header=_header, grids=(OccupancyGrid, costmap.Costmap), write=write_pair, paths=pair_paths,
     images=(".pgm", ".png"),
 )  # fmt: skip
-BITS = MapFormat(
+BITS = map_file.MapFormat(
     "a .pbm with its .yaml", (sources.BIT_MAP,),
     lambda path, opened, dialect, most: PairFile(yaml_beside(path), opened, dialect, most, path),
     header=yaml_beside, in_folders=False,
@@ -527,7 +522,7 @@ def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
         hint = "write to a .png, or in mode raw"
         raise ParameterError(rule, source=image, place="mode", got=mode, hint=hint)
     rgba = np.dstack([scaled, scaled, scaled, np.where(unknown, 0, 255).astype(np.uint8)])
-    return lambda file: write_png(file, np.ascontiguousarray(rgba[::-1]))
+    return lambda file: png.write_png(file, np.ascontiguousarray(rgba[::-1]))
 
 
 def _pixel_writer(
@@ -537,7 +532,7 @@ def _pixel_writer(
     comment = comment or f"CREATOR: mapdeal {grid.resolution!r} m/pix"
     if image.suffix == ".png":
         array = pixels[:]  # PNG needs all rows, which fit the memory as those of a picture do
-        return lambda file: write_png(file, np.ascontiguousarray(array[::-1]))
+        return lambda file: png.write_png(file, np.ascontiguousarray(array[::-1]))
     return RowsWriter(pixels, lambda file: (begin_pgm(file, pixels, comment=comment), lambda: None))
 
 

@@ -25,20 +25,14 @@ from numpy.lib import format as npy_format
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import PIECES, check_expansion, check_readable, claim
 from mapdeal.files.transaction import Transaction
-from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import ESDF_VIEW, DistanceField, FieldView, PotentialField, View, ViewScale
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid import costmap, field, footprint, reach, values as codes
 from mapdeal.grid.frame import Frame, Origin, check_origin, check_resolution
 from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
-from mapdeal.grid.reach import Reach
-from mapdeal.grid.values import OCCUPIED, UNKNOWN, Convention
 from mapdeal.kernels.arrays import Array, Floats
 from mapdeal.kernels.blocks import CacheBudget, Layer, LazyLayer, is_lazy
+from mapdeal.maps import images, picture, png
 from mapdeal.maps.dialects import Dialect
-from mapdeal.maps.images import PROCESS_WIDE_LOCK
 from mapdeal.maps.map_file import Grid as Grid, MapFile, MapFormat
-from mapdeal.maps.picture import LARGEST_CELLS
-from mapdeal.maps.png import Buffer, deflated, pieces
 
 _LONGEST_HEADER = 1 << 16
 _READERS = {
@@ -73,7 +67,7 @@ def read_npy_header(file: IO[bytes]) -> NpyHeader:
         version = npy_format.read_magic(head)
         if version not in _READERS:
             raise ValueError(f"version {version} is not supported")
-        with PROCESS_WIDE_LOCK, warnings.catch_warnings():
+        with images.PROCESS_WIDE_LOCK, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # numpy warns of headers that Python 2 wrote
             header = _READERS[version](head)
     # numpy and Python's parser raise all these on damaged headers, some with several lines.
@@ -86,7 +80,7 @@ def read_npy_header(file: IO[bytes]) -> NpyHeader:
 
 def write_npy(file: BinaryIO, array: Layer) -> None:
     file.write(npy_header(array.shape, array.dtype))
-    file.writelines(pieces(array))
+    file.writelines(png.pieces(array))
 
 
 def npy_header(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bytes:
@@ -117,7 +111,7 @@ class NpzReader(ExitStack):
     ) -> None:
         super().__init__()
         self.path, self._block_height, self._claimed = path, block_height, 0
-        self._max_cells = LARGEST_CELLS if max_cells is None else max_cells
+        self._max_cells = picture.LARGEST_CELLS if max_cells is None else max_cells
         check_readable(path)
         try:
             if _directory_size(path) > _LARGEST_DIRECTORY:
@@ -155,7 +149,7 @@ class NpzReader(ExitStack):
                 _fill(values, file)
             if dtype is np.int8 and values.size:  # the checks of the grid types
                 lowest, highest = int(values.min()), int(values.max())
-                if lowest < UNKNOWN or highest > OCCUPIED:
+                if lowest < codes.UNKNOWN or highest > codes.OCCUPIED:
                     rule = f"{name} must lie in -1..100"
                     raise ParameterError(rule, got=(lowest, highest)).in_file(self.path)
             return values
@@ -337,15 +331,15 @@ def _write_entry(file: BinaryIO, archive: zipfile.ZipFile, name: str, array: Lay
     info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
     checksum = 0
 
-    def parts() -> Iterator[Buffer]:
+    def parts() -> Iterator[png.Buffer]:
         nonlocal checksum
-        for part in itertools.chain([header], pieces(array)):
+        for part in itertools.chain([header], png.pieces(array)):
             checksum = zlib.crc32(part, checksum)
             yield part
 
     is_noise = array.dtype == np.float64 and array.ndim > 1
     with archive.open(info, "w", force_zip64=True) as entry:
-        for block in parts() if is_noise else deflated(parts()):
+        for block in parts() if is_noise else png.deflated(parts()):
             entry.write(block)
     if is_noise:
         return
@@ -379,7 +373,7 @@ def _grid_in(reader: NpzReader) -> Grid:
         return _NPZ_READERS[_main_layer(reader.names())](reader, resolution, origin)
 
 
-def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
+def read_reach(path: Path, *, max_cells: int | None = None) -> reach.Reach:
     """Return the `Reach` in an ``.npz`` file, which has neither goals nor passages."""
     with NpzReader(path, max_cells) as reader, _geometry_in(reader) as (resolution, origin):
         size = 3 if reader.header("start").shape == (3,) else 2
@@ -390,10 +384,10 @@ def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
         if "robot" in reader.names():
             corners = reader.small("robot", np.float64, (*reader.header("robot").shape[:1], 2))
             if len(corners):
-                robot = Footprint.polygon(corners.tolist())
+                robot = footprint.Footprint.polygon(corners.tolist())
             else:
-                robot = Footprint.circle(reader.number("robot_radius"))
-        return Reach(
+                robot = footprint.Footprint.circle(reader.number("robot_radius"))
+        return reach.Reach(
             reader.layer("reachable", np.uint8), reader.layer("headings", np.uint8),
             reader.layer("clearance", np.float32), reader.layer("widest", np.float32),
             reader.layer("occupancy", np.int8), resolution, origin,
@@ -418,33 +412,33 @@ def _geometry_in(reader: NpzReader) -> Iterator[tuple[float, Origin]]:
         raise error.in_file(reader.path) from None
 
 
-def _read_costmap(reader: NpzReader, resolution: float, origin: Any) -> Costmap:
+def _read_costmap(reader: NpzReader, resolution: float, origin: Any) -> costmap.Costmap:
     scale = reader.text("cost_scale", ("costmap2d", "occupancy"))
     cost = reader.layer("cost", np.uint8 if scale == "costmap2d" else np.int8)
     has_circumscribed = "circumscribed_cost" in reader.names()
     circumscribed = reader.whole_number("circumscribed_cost") if has_circumscribed else None
-    return Costmap(cost, resolution, origin, scale, circumscribed)  # type: ignore[arg-type]
+    return costmap.Costmap(cost, resolution, origin, scale, circumscribed)  # type: ignore[arg-type]
 
 
-def _read_field(reader: NpzReader, resolution: float, origin: Any) -> DistanceField:
+def _read_field(reader: NpzReader, resolution: float, origin: Any) -> field.DistanceField:
     limit = reader.number("max_distance")
-    return DistanceField(
+    return field.DistanceField(
         reader.layer("distance", np.float32), reader.layer("occupancy", np.int8), resolution,
         origin,
-        convention=reader.text("convention", get_args(Convention)),  # type: ignore[arg-type]
+        convention=reader.text("convention", get_args(codes.Convention)),  # type: ignore[arg-type]
         strength=reader.number("strength"), max_distance=None if np.isinf(limit) else limit,
         lethal_threshold=reader.whole_number("lethal_threshold"),
         unknown=reader.text("unknown", ("free", "occupied")),  # type: ignore[arg-type]
     )  # fmt: skip
 
 
-def _read_potential(reader: NpzReader, resolution: float, origin: Any) -> PotentialField:
+def _read_potential(reader: NpzReader, resolution: float, origin: Any) -> field.PotentialField:
     # The attractive layer and the sums are computed again instead of read.
     names = reader.names()
     weight = "cost_travel_multiplier"
     goal = reader.small("goal", np.float64, (2,)).tolist() if "goal" in names else None
     has_lengths = "cost_to_go" in reader.names()
-    return PotentialField(
+    return field.PotentialField(
         reader.layer("repulsive", np.float64), reader.layer("occupancy", np.int8), resolution,
         origin, goal=goal, attractive_gain=reader.number("attractive_gain"),
         repulsive_gain=reader.number("repulsive_gain"),
@@ -458,10 +452,10 @@ def _read_occupancy(reader: NpzReader, resolution: float, origin: Any) -> Occupa
     occupancy = reader.layer("occupancy", np.int8)
     if "layer" not in reader.names():
         return OccupancyGrid(occupancy, resolution, origin)
-    reader.text("layer", (ESDF_VIEW,))
-    view: View = reader.text("view", get_args(View))  # type: ignore[assignment]
-    lengths = {name: reader.number(name) for name in ViewScale.keys_of(view)}
-    return FieldView(occupancy, resolution, origin, ViewScale(view, **lengths))
+    reader.text("layer", (field.ESDF_VIEW,))
+    view: field.View = reader.text("view", get_args(field.View))  # type: ignore[assignment]
+    lengths = {name: reader.number(name) for name in field.ViewScale.keys_of(view)}
+    return field.FieldView(occupancy, resolution, origin, field.ViewScale(view, **lengths))
 
 
 _NPZ_READERS: dict[str, Callable[[NpzReader, float, Any], Grid]] = {
@@ -515,7 +509,7 @@ class NpzFile(MapFile):
         return self._opened.enter_context(lazy)
 
     def layers_of(self, kind: type[Any]) -> Any:
-        if kind is Reach and _main_layer(self._names) == _REACH_LAYER:
+        if kind is reach.Reach and _main_layer(self._names) == _REACH_LAYER:
             return read_reach(self.path, max_cells=self._max_cells)
         if kind is not CloudLayers or not self._names >= set(CloudLayers.layer_names):
             return None

@@ -31,9 +31,8 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.arrays import Bytes, Floats, Integers
 from mapdeal.kernels.rotations import inverse_matrices, product
+from mapdeal.maps import map_file, map_server
 from mapdeal.maps.dialects import Dialect, MapMetadata, cells_of
-from mapdeal.maps.map_file import Grid, MapFile, MapFormat, Painting
-from mapdeal.maps.map_server import chosen_geometry
 from mapdeal.maps.picture import LARGEST_CELLS, Picture, check_size
 from mapdeal.records import dataclass
 
@@ -261,14 +260,14 @@ class Trajectory(NamedTuple):
             yield f"{seconds}.{fraction:07d} {' '.join(map(repr, pose))}\n"
 
 
-class StateFile(MapFile):
+class StateFile(map_file.MapFile):
     """An open state, whose map is that of Cartographer's own program."""
 
     def __init__(self, path: Path, _: ExitStack, dialect: Dialect, max_cells: int | None) -> None:
         super().__init__(path)
         self._dialect: Dialect = dialect
         self._max_cells = LARGEST_CELLS if max_cells is None else max_cells
-        self._resolution, origin = chosen_geometry() or (_RESOLUTION, (0.0, 0.0, 0.0))
+        self._resolution, origin = map_server.chosen_geometry() or (_RESOLUTION, (0.0, 0.0, 0.0))
         if any(origin):
             raise ParameterError("applies to images; a state has its own", place="origin")
         self._submaps: dict[tuple[int, int], Submap] = {}
@@ -332,7 +331,7 @@ class StateFile(MapFile):
         height, width = self.shape()
         return 3 * height * width + _PER_BYTE * self._largest + sources.PIECES
 
-    def painting(self) -> Painting:
+    def painting(self) -> map_file.Painting:
         return self._pixels, f"Cartographer map; {self._resolution:g} m/pixel"
 
     @cached_property
@@ -360,7 +359,7 @@ class StateFile(MapFile):
             found = [trajectory for graph in graphs for trajectory in graph.messages(4)]
             return {path.integer(3): Trajectory.of(path) for path in found if 1 in path}
 
-    def remark(self, grid: Grid) -> None:
+    def remark(self, grid: map_file.Grid) -> None:
         super().remark(grid)
         if self._nodes < self._nodes_of_graph:  # Cartographer writes all of them after the submaps
             text = f"{self.path}: holds {self._nodes} of the {self._nodes_of_graph} nodes of its "
@@ -376,7 +375,7 @@ class StateFile(MapFile):
         }
 
 
-PBSTREAM = MapFormat(
+PBSTREAM = map_file.MapFormat(
     "a .pbstream of Cartographer", (".pbstream",), StateFile, magic=(_MAGIC,),
     takes_resolution=True, yields_to_yaml=True,
 )  # fmt: skip

@@ -11,15 +11,10 @@ from typing import Any, TypeVar, get_args, overload
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.files.source import status_of, use_memory
 from mapdeal.files.transaction import Transaction
-from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import DistanceField, FieldView, PotentialField
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import Reach
-from mapdeal.grid.values import check_choice
+from mapdeal.grid import costmap, field, occupancy, reach, values
 from mapdeal.kernels.arrays import Array
+from mapdeal.maps import formats, kinds
 from mapdeal.maps.dialects import Dialect, Mode
-from mapdeal.maps.formats import format_of, output_format
-from mapdeal.maps.kinds import MAP, recognised
 from mapdeal.maps.map_file import Grid, MapFile, Painting, Source
 from mapdeal.maps.map_server import Encoding
 
@@ -33,11 +28,11 @@ def open_map(
     path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
 ) -> Iterator[MapFile]:
     """Open a map: its header is read, its cells are not."""
-    map_format = format_of(path)
+    map_format = formats.format_of(path)
     header = map_format.header(path)
     status_of(header)  # a file that is missing is no file of another kind
     with ExitStack() as opened:
-        with recognised(header, "a map", MAP):
+        with kinds.recognised(header, "a map", kinds.MAP):
             file = map_format.open(path, opened, dialect, max_cells)
         yield file
 
@@ -47,15 +42,15 @@ def read_source(path: Path, *, dialect: Dialect = "nav2", max_cells: int | None 
         return file.read()
 
 
-def as_occupancy(grid: Grid, source: Path | str) -> OccupancyGrid:
+def as_occupancy(grid: Grid, source: Path | str) -> occupancy.OccupancyGrid:
     """Return the occupancy of a grid: a field's own map, or costs as ROS would publish them."""
-    if isinstance(grid, (DistanceField, PotentialField, Reach)):
+    if isinstance(grid, (field.DistanceField, field.PotentialField, reach.Reach)):
         return grid.grid
-    if isinstance(grid, Costmap):
+    if isinstance(grid, costmap.Costmap):
         text = f"{source}: contains costs; read as the occupancy that ROS would publish for them"
         emit_warning(text)
         return grid.to_occupancy()
-    if isinstance(grid, FieldView):
+    if isinstance(grid, field.FieldView):
         text = f"{source}: is the 0..100 view of a distance field; its values are read as a map's"
         emit_warning(text)
         return grid.as_map()
@@ -118,7 +113,7 @@ def read_map(
     >>> read_map("examples/maps/office.yaml", OccupancyGrid).shape
     (544, 544)
     """
-    check_choice(dialect, Dialect, "dialect")
+    values.check_choice(dialect, Dialect, "dialect")
     with use_memory(max_memory):
         grid = read_source(Path(path), dialect=dialect, max_cells=max_cells).grid
     if kind is not None and not isinstance(grid, kind):
@@ -128,7 +123,7 @@ def read_map(
 
 
 def output_paths(output: Path, more: Sequence[str] = ()) -> tuple[Path, ...]:
-    return output_format(output, more).paths(output)
+    return formats.output_format(output, more).paths(output)
 
 
 def write_grid(
@@ -138,7 +133,7 @@ def write_grid(
 ) -> None:  # fmt: skip
     """Write a grid in the format of the output's ending; fields and `more` layers need an npz."""
     # An image is `painted`, if the grid has been read from that.
-    map_format = output_format(output)
+    map_format = formats.output_format(output)
     if mode is not None and not map_format.images:
         raise ParameterError(f"an {output.suffix[1:]} has no mode", place="mode", got=mode)
     if not map_format.can_hold(type(grid)) or map_format.write is None:
@@ -178,8 +173,8 @@ def write_map(
         If the suffix, mode or encoding is unknown or does not fit the grid.
     """
     if mode is not None:
-        check_choice(mode, Mode, "mode")
-    check_choice(encoding, Encoding, "encoding")
+        values.check_choice(mode, Mode, "mode")
+    values.check_choice(encoding, Encoding, "encoding")
     output = Path(path)
     if not isinstance(grid, get_args(Grid)):
         raise ParameterError("must be a grid", place="grid", got=grid)

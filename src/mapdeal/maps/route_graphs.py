@@ -12,18 +12,17 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import MalformedInputError
+from mapdeal import errors, records
 from mapdeal.files.json_values import ROUTE_GRAPH, JsonValue, is_route_graph, read_document
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.maps.kinds import recognised
-from mapdeal.records import dataclass, field
 
 _MOST_ID = (1 << 32) - 1  # the server's ids are unsigned int
 FRAME = "map"  # the server's route_frame, and the default frame of nodes
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class GraphProblem:
     """A reason why the server refuses a file, or a value that it reads in an unexpected way."""
 
@@ -32,12 +31,12 @@ class GraphProblem:
     point: tuple[float, float] | None = None  # place on the map
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class GraphFile:
     """The readable part of a graph, without edges that lack an end, and the file's problems."""
 
     graph: RouteGraph
-    problems: tuple[GraphProblem, ...] = field(default=())
+    problems: tuple[GraphProblem, ...] = records.field(default=())
 
 
 def read_route_graph(path: Path | str) -> RouteGraph:
@@ -68,7 +67,7 @@ def read_route_graph(path: Path | str) -> RouteGraph:
     found = read_graph_file(path)
     for problem in found.problems:
         if problem.check in REFUSED:
-            raise MalformedInputError(problem.text, source=path)
+            raise errors.MalformedInputError(problem.text, source=path)
     return found.graph
 
 
@@ -83,11 +82,11 @@ def read_graph_file(path: Path) -> GraphFile:
 def parsed_graph(document: JsonValue) -> GraphFile:
     if not is_route_graph(document.value):
         rule = "is no route graph: none of its features has a startid and an endid"
-        raise MalformedInputError(rule, source=document.source)
+        raise errors.MalformedInputError(rule, source=document.source)
     try:
         return _Reader().read(document)
     except RecursionError:
-        raise MalformedInputError("nested too deep", source=document.source) from None
+        raise errors.MalformedInputError("nested too deep", source=document.source) from None
 
 
 class _Reader:

@@ -8,18 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from mapdeal import errors
+from mapdeal import errors, records
 from mapdeal.errors import MalformedInputError, ParameterError, as_known, emit_warning, nearest_hint
 from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.files.yaml_text import OF_SHAPES, Entry, read_mapping
+from mapdeal.grid import frame, occupancy
 from mapdeal.grid.bit_map import blank, draw
 from mapdeal.grid.filters import KINDS, FilterInfo, FilterKind, SpeedUnit, info_for
-from mapdeal.grid.frame import Point
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.maps.kinds import SHAPES, recognised
-from mapdeal.records import dataclass, replace
 
 _PARTS = {"MultiPolygon": "Polygon", "MultiLineString": "LineString", "MultiPoint": "Point"}
 
@@ -234,7 +232,7 @@ def _with_known_keys(fields: dict[str, Entry], kind: str) -> dict[str, Entry]:
     return named
 
 
-def _point(entry: Entry) -> Point:
+def _point(entry: Entry) -> frame.Point:
     numbers = entry.items()
     if len(numbers) != 2:
         raise entry.error("must be two numbers [x, y]")
@@ -248,7 +246,7 @@ def _whole_number(entry: Entry) -> int:
     return int(number)
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Zone:
     """A zone of a costmap filter: its shapes in the map frame, and its speed limit."""
 
@@ -261,9 +259,9 @@ class Zone:
     def shapes_with(self, value: int) -> list[Shape]:
         """Return the shapes with a value; shapes of keepout zones may have a cost of their own."""
         own = self.kind == "keepout"
-        return [s if own and s.value else replace(s, value=value) for s in self.shapes]
+        return [s if own and s.value else records.replace(s, value=value) for s in self.shapes]
 
-    def is_near(self, xy: Point, margin: float) -> bool:
+    def is_near(self, xy: frame.Point, margin: float) -> bool:
         """Return whether a point lies in the box of a shape, or within a margin in metres of it."""
         for shape in self.shapes:
             points = [shape.center_xy] if isinstance(shape, Circle) else shape.points_xy
@@ -321,9 +319,9 @@ def _speed(path: Path, place: str, speed: object) -> float:
 
 
 def filter_mask(
-    grid: OccupancyGrid, kind: FilterKind, zones: Sequence[Zone], *,
+    grid: occupancy.OccupancyGrid, kind: FilterKind, zones: Sequence[Zone], *,
     unit: SpeedUnit = "percent", base: float | None = None, multiplier: float | None = None,
-) -> tuple[OccupancyGrid, FilterInfo]:  # fmt: skip
+) -> tuple[occupancy.OccupancyGrid, FilterInfo]:  # fmt: skip
     """Return the mask of zones of one kind on a map's cells, and how the filter reads it."""
     # Outside of the zones the mask is 0, or for keepout -1: 0 would make unknown cells free.
     speeds = [zone.speed for zone in zones if zone.speed is not None]
@@ -334,7 +332,7 @@ def filter_mask(
     values = draw(blank(grid, UNKNOWN), shapes, overlay="min" if is_reversed else "max").occupancy
     if kind != "keepout":
         values = np.where(values == UNKNOWN, np.int8(FREE), values)
-    return OccupancyGrid(values, grid.resolution, grid.origin), info
+    return occupancy.OccupancyGrid(values, grid.resolution, grid.origin), info
 
 
 def _value_of(zone: Zone, info: FilterInfo) -> int:
@@ -354,7 +352,7 @@ def _value_of(zone: Zone, info: FilterInfo) -> int:
     return value
 
 
-def name_at(zones: Sequence[Zone], grid: OccupancyGrid, xy: Point) -> str | None:
+def name_at(zones: Sequence[Zone], grid: occupancy.OccupancyGrid, xy: frame.Point) -> str | None:
     row, col = grid.frame.unbounded_rowcol_from_xy([xy])[0].tolist()
     margin = 3 * grid.resolution  # a drawn cell may lie beyond the shape by its own diagonal
     for zone in (zone for zone in zones if zone.is_near(xy, margin)):

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from mapdeal.grid.frame import Frame, Region
+from mapdeal.kernels import engine, lookup
 from mapdeal.kernels.arrays import Bytes
-from mapdeal.kernels.engine import check_room
-from mapdeal.kernels.lookup import histogram
 from mapdeal.pictures.colours import ColourBar, Colours, LayerStyle, Swatch
 from mapdeal.pictures.overlay import Overlay, Raster, Surface
 from mapdeal.records import dataclass
@@ -109,7 +108,7 @@ class Pen:
     """Drawer of text and lines on a white sheet of palette indices."""
 
     def __init__(self, size: int) -> None:
-        check_room(_FREETYPE)
+        engine.check_room(_FREETYPE)
         self.size, self.title_size = size, round(1.25 * size)
         self.sheet = np.empty((0, 0), dtype=np.uint8)
 
@@ -273,7 +272,7 @@ def on_sheet(
     texts = [before, frame_text(frame, raster.part), more]
     shown, palette = raster.frame_of(frame), style.colours
     if swatches is None:
-        occurs = histogram(pixels) > 0
+        occurs = lookup.histogram(pixels) > 0
         swatches = [swatch for swatch in style.swatches if occurs[swatch.index]]
     legend = list(swatches)
     if overlay is not None:

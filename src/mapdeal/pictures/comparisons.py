@@ -12,10 +12,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.arrays import Bytes, Floats
-from mapdeal.pictures import canvas, colours
-from mapdeal.pictures.colours import ColourBar, LayerStyle, Swatch, interpolated, palette_of
-from mapdeal.pictures.overlay import DEFAULT_IMAGE_MAX, ImageExtent, Raster, shown_part
-from mapdeal.pictures.styles import difference_style, occupancy_style
+from mapdeal.pictures import canvas, colours, overlay, styles
 from mapdeal.records import dataclass
 
 _UNKNOWN = 1  # the largest kind of cells that are unknown in both maps
@@ -23,17 +20,17 @@ _SMALL_SIDE = 1200  # pixels; enlarges small maps until single cells are visible
 
 
 def difference_image(
-    changes: Bytes, frame: Frame, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = "all", only_in: tuple[str, str] | None = None,
-    style: LayerStyle | None = None, before: str = "", unknown: int = _UNKNOWN,
+    changes: Bytes, frame: Frame, *, title: str, image_max: int = overlay.DEFAULT_IMAGE_MAX,
+    image_extent: overlay.ImageExtent = "all", only_in: tuple[str, str] | None = None,
+    style: colours.LayerStyle | None = None, before: str = "", unknown: int = _UNKNOWN,
 ) -> canvas.Image:  # fmt: skip
     shows_cells = only_in is not None or style is not None
     options = {"small_side": _SMALL_SIDE} if shows_cells else {}
     cells = np.maximum(changes, unknown)  # those of one map alone count as unknown
-    part = shown_part(cells, frame, image_extent, unknown=unknown)
-    raster = Raster.fitting(frame.shape, image_max, part=part, **options)
+    part = overlay.shown_part(cells, frame, image_extent, unknown=unknown)
+    raster = overlay.Raster.fitting(frame.shape, image_max, part=part, **options)
     pixels = raster.enlarged(raster.largest(changes))
-    style = style or difference_style(only_in)
+    style = style or styles.difference_style(only_in)
     return canvas.on_sheet(pixels, style, frame, raster, title=title, before=before)
 
 
@@ -48,7 +45,7 @@ _ANY_CONFLICT = 3  # the only kind of conflict with more than two maps
 
 def merge_image(
     grid: OccupancyGrid, conflicts: Bytes, *, names: Sequence[str],
-    title: str | None = None, image_extent: ImageExtent = "known", **look: Any,
+    title: str | None = None, image_extent: overlay.ImageExtent = "known", **look: Any,
 ) -> canvas.Image:  # fmt: skip
     kinds = grid.occupancy.view(np.uint8) + np.uint8(1)  # unknown, 255, wraps to 0
     if len(names) > 2:
@@ -62,12 +59,12 @@ def merge_image(
         }
         np.add(conflicts, _CONFLICT_BASE, out=kinds, where=conflicts > 0)
     legend |= {_OCCUPIED: "occupied", _FREE: "free", _NOT_KNOWN: "unknown"}
-    value_colours = occupancy_style().colours
+    value_colours = styles.occupancy_style().colours
     unknown_colours, known_colours = value_colours[OCCUPIED + 1 :], value_colours[: OCCUPIED + 1]
     conflict_colours = [colours.REMOVED, colours.ADDED, colours.REMOVED]
-    swatches = tuple(Swatch(kind, text) for kind, text in legend.items())
-    palette = palette_of(unknown_colours, known_colours, conflict_colours)
-    style = LayerStyle(palette, swatches=swatches)
+    swatches = tuple(colours.Swatch(kind, text) for kind, text in legend.items())
+    palette = colours.palette_of(unknown_colours, known_colours, conflict_colours)
+    style = colours.LayerStyle(palette, swatches=swatches)
     title = title or f"{', '.join(names[:-1])} and {names[-1]}, merged"
     return difference_image(
         kinds, grid.frame, title=title, style=style, unknown=_NOT_KNOWN,
@@ -113,21 +110,21 @@ class ScoredWalls:
 
 
 def score_image(
-    walls: ScoredWalls, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = "all",
+    walls: ScoredWalls, *, title: str, image_max: int = overlay.DEFAULT_IMAGE_MAX,
+    image_extent: overlay.ImageExtent = "all",
 ) -> canvas.Image:  # fmt: skip
     # True walls without a wall of the map within 0.1 m are marked; in a pixel the farthest shows.
     codes = _codes_of(walls)
-    part = shown_part(codes, walls.frame, image_extent, unknown=UNKNOWN)
-    raster = Raster.fitting(walls.frame.shape, image_max, part=part)
+    part = overlay.shown_part(codes, walls.frame, image_extent, unknown=UNKNOWN)
+    raster = overlay.Raster.fitting(walls.frame.shape, image_max, part=part)
     pixels = raster.enlarged(raster.largest(codes))
     ticks = [(k / _TICKS, f"{walls.top * k / _TICKS:g}") for k in range(_TICKS)]
     ticks.append((1.0, f"{walls.top:g} and more"))
     unit = "walls of the map: to the nearest true one [m]"
-    style = LayerStyle(
-        palette_of(_COLOURS, interpolated(_ANCHORS, _LEVELS)),
-        swatches=tuple(Swatch(index, label) for index, label in _LABELS.items()),
-        bar=ColourBar(range(_FIRST_LEVEL, _FIRST_LEVEL + _LEVELS), ticks, unit),
+    style = colours.LayerStyle(
+        colours.palette_of(_COLOURS, colours.interpolated(_ANCHORS, _LEVELS)),
+        swatches=tuple(colours.Swatch(index, label) for index, label in _LABELS.items()),
+        bar=colours.ColourBar(range(_FIRST_LEVEL, _FIRST_LEVEL + _LEVELS), ticks, unit),
     )
     map_sheet = canvas.on_sheet(pixels, style, walls.frame, raster, title=title)
     return _with_histogram(map_sheet, walls, canvas.text_size_of(pixels.shape))

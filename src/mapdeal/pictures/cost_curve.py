@@ -14,9 +14,7 @@ from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE
 from mapdeal.kernels.arrays import Floats
-from mapdeal.pictures import canvas, colours
-from mapdeal.pictures.overlay import Brush
-from mapdeal.pictures.styles import CostPalette
+from mapdeal.pictures import canvas, colours, overlay, styles
 
 _FAR = 2.5  # largest reach that is shown, relative to all other distances
 _FARTHEST = 1e9  # metres; largest distance in a picture
@@ -138,7 +136,7 @@ _AXES = {
 class _Drawing:
     def __init__(self, curve: CostCurve) -> None:
         self.curve, self.half = curve, curve.resolution / 2
-        self.palette = CostPalette.of(curve.scale)
+        self.palette = styles.CostPalette.of(curve.scale)
         self.end, self.marks = end_of(curve), marks_of(curve)
         self.zones = zones_of(curve, self.end)
         self.ticks, self.per_cost = _TICKS[curve.scale], _PER_COST[curve.scale]
@@ -207,7 +205,7 @@ class _Drawing:
 
     def _draw_curve(self) -> None:
         """Draw the formula, and dots for the costs of cells along a row."""
-        brush = Brush(self.pen.sheet)
+        brush = overlay.Brush(self.pen.sheet)
         if (line := self.formula(2 * _WIDTH)) is not None:
             brush.polyline(self._places(*line), canvas.BLACK, thickness=2)
         curve = self.curve
@@ -220,7 +218,7 @@ class _Drawing:
             brush.dot(place, canvas.BLACK, radius=_DOT)
 
     def _draw_contour_dot(self, place: Floats) -> None:
-        brush = Brush(self.pen.sheet)
+        brush = overlay.Brush(self.pen.sheet)
         brush.dot(place, canvas.BLACK, radius=8.0)
         brush.dot(place, self.palette.contour, radius=6.0)
 
@@ -292,7 +290,7 @@ class _Drawing:
         return [*lines, ("contour", f"circumscribed cost {cost}")] if cost else lines
 
     def _legend(self, x: int, lines: Sequence[tuple[int | str | None, str]]) -> None:
-        y, brush = self.band_top, Brush(self.pen.sheet)
+        y, brush = self.band_top, overlay.Brush(self.pen.sheet)
         side = int(1.2 * _SIZE)
         for sign, text in lines:
             middle = y + int(0.6 * _SIZE)

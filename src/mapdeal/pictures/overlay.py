@@ -12,17 +12,13 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapdeal.grid.canvas import cut_out
-from mapdeal.grid.costmap import Costmap
+from mapdeal.grid import canvas, costmap, values as codes
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, Region, turned, xy_ahead
 from mapdeal.grid.reach import Route
-from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
+from mapdeal.kernels import blocks, distance, threads
 from mapdeal.kernels.arrays import Bytes, Floats, Mask
-from mapdeal.kernels.blocks import Layer, blocks_of, gathered, made_by_rows
-from mapdeal.kernels.distance import beside
 from mapdeal.kernels.lookup import histogram, pooled
-from mapdeal.kernels.threads import for_rows
 from mapdeal.pictures import colours as palette
 from mapdeal.pictures.colours import Colour, Swatch
 from mapdeal.records import dataclass
@@ -59,12 +55,12 @@ class Raster:
     def metres_per_pixel(self, resolution: float) -> float:
         return resolution * self.reduce / self.enlarge
 
-    def largest(self, layer: Layer) -> NDArray[Any]:
+    def largest(self, layer: blocks.Layer) -> NDArray[Any]:
         """Return the largest value of the cells under each pixel, before enlarging."""
         # A pixel is nan only if all its cells are.
         return Pooling(self, layer, np.fmax).all()
 
-    def smallest(self, layer: Layer) -> NDArray[Any]:
+    def smallest(self, layer: blocks.Layer) -> NDArray[Any]:
         """Return the smallest value of the cells under each pixel, before enlarging."""
         return Pooling(self, layer, np.fmin).all()
 
@@ -77,15 +73,15 @@ class Raster:
 class Pooling:
     """Reduces cells to pixels, band by band."""
 
-    def __init__(self, raster: Raster, layer: Layer, choose: np.ufunc) -> None:
+    def __init__(self, raster: Raster, layer: blocks.Layer, choose: np.ufunc) -> None:
         self._step = raster.reduce
         self._first = 0 if raster.part is None else raster.part.row
-        self._layer = layer if raster.part is None else cut_out(layer, raster.part)
+        self._layer = layer if raster.part is None else canvas.cut_out(layer, raster.part)
         self._choose = choose
         self.pixels: NDArray[Any]  # before enlarging, once all rows have been taken in order
 
     def all(self) -> NDArray[Any]:
-        for rows in blocks_of(self._layer):
+        for rows in blocks.blocks_of(self._layer):
             self.take(slice(rows.start + self._first, rows.stop + self._first))
         return self.pixels
 
@@ -112,11 +108,11 @@ class Pooling:
             pixels[rows] = pooled(under, self._step, self._choose)
 
         # the number of cells, not of pixels, decides about threads
-        for_rows(pool, (math.ceil(len(full_rows) / self._step), full_rows.shape[1]))
+        threads.for_rows(pool, (math.ceil(len(full_rows) / self._step), full_rows.shape[1]))
 
 
 def inner_outline(mask: Mask) -> Mask:
-    return beside(~mask) & mask
+    return distance.beside(~mask) & mask
 
 
 _FARTHEST = 2.0**20  # pixels; beyond, Pillow's coordinates overflow
@@ -470,16 +466,16 @@ class RobotOverlay(Overlay):
 class KeepoutOverlay(Overlay):
     """Cells that are lethal only because of a mask."""
 
-    closed: Layer
+    closed: blocks.Layer
 
     @classmethod
-    def of(cls, before: Costmap, after: Costmap) -> KeepoutOverlay:
-        lethal = LETHAL_OBSTACLE if after.scale == "costmap2d" else OCCUPIED
+    def of(cls, before: costmap.Costmap, after: costmap.Costmap) -> KeepoutOverlay:
+        lethal = codes.LETHAL_OBSTACLE if after.scale == "costmap2d" else codes.OCCUPIED
 
         def closed(rows: slice) -> Mask:
             return np.asarray((after.cost[rows] == lethal) & (before.cost[rows] != lethal))
 
-        return cls(made_by_rows(after.cost, bool, closed))
+        return cls(blocks.made_by_rows(after.cost, bool, closed))
 
     colours = (palette.KEEPOUT,)
 
@@ -506,15 +502,15 @@ class KnownLines:
         return np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
 
 
-def known_box(layer: Layer, unknown: int) -> Region | None:
+def known_box(layer: blocks.Layer, unknown: int) -> Region | None:
     # Each row of a lazy layer is computed once, in order.
-    (parts,) = gathered(layer, KnownLines(unknown))
+    (parts,) = blocks.gathered(layer, KnownLines(unknown))
     in_rows = np.concatenate([in_rows for in_rows, _ in parts])
     return Region.spanning(in_rows, np.logical_or.reduce([in_cols for _, in_cols in parts]))
 
 
 def shown_part(
-    layer: Layer, frame: Frame, extent: ImageExtent, *, unknown: int = UNKNOWN,
+    layer: blocks.Layer, frame: Frame, extent: ImageExtent, *, unknown: int = codes.UNKNOWN,
     overlay: Overlay | None = None, places_xy: ArrayLike = (),
 ) -> Region | None:  # fmt: skip
     """Return the part of a map that a picture shows: known cells and places; None for all."""

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mapdeal.grid import route_graph, values
 from mapdeal.grid.reach import GoalReach, Passage, Reach
-from mapdeal.grid.route_graph import RouteGraph
-from mapdeal.grid.values import count_text
 from mapdeal.kernels.arrays import Bytes, Floats
 from mapdeal.pictures import canvas, overlay as overlays, styles
 from mapdeal.pictures.colours import GOAL, MINIMUM, ROUTE, RVIZ_FREE, Colour, Swatch
@@ -109,9 +108,9 @@ def _summary(reach: Reach) -> str:
     text = f"reaches {reached.removesuffix(' m2')} of {total}"
     closed = sum(not passage.is_open for passage in reach.passages)
     if closed:
-        text += f"; {count_text(closed, 'closed passage')}"
+        text += f"; {values.count_text(closed, 'closed passage')}"
     if len(reach.passages) > closed:
-        text += f"; {count_text(len(reach.passages) - closed, 'tight passage')}"
+        text += f"; {values.count_text(len(reach.passages) - closed, 'tight passage')}"
     return text
 
 
@@ -215,7 +214,7 @@ _CAPTION = 20  # largest text size of a name, pixels
 
 @dataclass(frozen=True, eq=False)
 class GraphOverlay(overlays.Overlay):
-    graph: RouteGraph
+    graph: route_graph.RouteGraph
     is_below: bool = False
 
     @property
@@ -225,7 +224,7 @@ class GraphOverlay(overlays.Overlay):
 
     @property
     def text(self) -> str:
-        nodes, edges = (count_text(len(items), word) for items, word in
+        nodes, edges = (values.count_text(len(items), word) for items, word in
                         ((self.graph.nodes, "node"), (self.graph.edges, "edge")))  # fmt: skip
         return f"{nodes}, {edges}"
 

@@ -15,8 +15,7 @@ from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.reach import Reach
 from mapdeal.kernels import blocks, components, lookup, threads
 from mapdeal.kernels.arrays import Bytes, Floats, Mask
-from mapdeal.pictures import colours
-from mapdeal.pictures.canvas import round_length
+from mapdeal.pictures import canvas, colours
 from mapdeal.pictures.colours import Colour, ColourBar, Colours, LayerStyle, Scale, Swatch
 from mapdeal.records import dataclass
 
@@ -98,7 +97,7 @@ def cost_style(costmap: Costmap) -> LayerStyle:
     if bounds_circumscribed(costmap):
         swatches.append(Swatch(palette.contour, f"circumscribed {costmap.circumscribed_cost}"))
     top = palette.highest_graded
-    step = round_length(top / 5 * 1.5)  # no label is close to the end
+    step = canvas.round_length(top / 5 * 1.5)  # no label is close to the end
     marked = [step * k for k in range(1, math.ceil(top / step)) if top - step * k > 0.35 * step]
     ticks = [(value / top, f"{value:g}") for value in (1, *marked, top)]
     return LayerStyle(
@@ -138,7 +137,7 @@ def potential_style(field: PotentialField) -> LayerStyle:
 def length_between_lines(lengths: Floats) -> float:
     """Return a round distance between lines, about a twentieth of the longest finite length."""
     longest = float(lengths.max(where=np.isfinite(lengths), initial=0.0))
-    return round_length(longest / _ABOUT_LINES) if longest > 0 else 1.0
+    return canvas.round_length(longest / _ABOUT_LINES) if longest > 0 else 1.0
 
 
 def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
@@ -247,7 +246,7 @@ def number_style(low: float, high: float, unit: str) -> LayerStyle:
 
 
 def ticks_of(low: float, high: float, about: int) -> list[float]:
-    step = round_length((high - low) / about * 1.5)
+    step = canvas.round_length((high - low) / about * 1.5)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     decimals = max(0, -math.floor(math.log10(step)))
     return [round(k * step, decimals) + 0.0 for k in range(first, last + 1)]

@@ -14,13 +14,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from mapdeal.errors import require
+from mapdeal import errors, records
 from mapdeal.grid.frame import Point
 from mapdeal.grid.values import LETHAL_OBSTACLE
 from mapdeal.kernels.arrays import Floats, Mask, Metres
 from mapdeal.kernels.searches import UNREACHED, Cell, potentials, traced_path
 from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan
-from mapdeal.records import replace
 
 _MOST_CYCLES = 1000  # max_cycles_factor: by then the trace goes in circles
 _MOST_STEPS = 100_000  # of a tolerance
@@ -56,12 +55,12 @@ class NavfnPlanner(Planner):
         turns = min(self.values["max_cycles_factor"], _MOST_CYCLES) * max(grid.costs.shape)
         if turns < 1:
             plan = no_plan("NoValidPathCouldBeFound", "max_cycles_factor leaves no turns")
-            return replace(plan, is_reached=True)
+            return records.replace(plan, is_reached=True)
         ends = _rounded(grid, start[:2]), _rounded(grid, end)
         points, outcome = traced_path(potential, *ends, turns=turns)
         if outcome != "found":
             detail = _failure(grid, points, outcome, turns)
-            return replace(no_plan("NoValidPathCouldBeFound", detail), is_reached=True)
+            return records.replace(no_plan("NoValidPathCouldBeFound", detail), is_reached=True)
         xy = np.array(grid.origin) + points[::-1].astype(np.float64) * grid.resolution
         poses = np.pad(_with_end(xy, end), ((0, 0), (0, 1)))
         step = poses[-1] - poses[-2]
@@ -107,7 +106,7 @@ class NavfnPlanner(Planner):
         """Return the coordinates within the tolerance along an axis, those on the map."""
         tolerance, first = self.values["tolerance"], grid.origin[axis]
         rule = f"must be at most {_MOST_STEPS} cells; Nav2 tries all points within it"
-        require(tolerance <= _MOST_STEPS * grid.resolution, rule, "tolerance", got=tolerance)
+        errors.require(tolerance <= _MOST_STEPS * grid.resolution, rule, "tolerance", got=tolerance)
         steps = [middle - tolerance]
         while steps[-1] <= middle + tolerance:
             steps.append(steps[-1] + grid.resolution)

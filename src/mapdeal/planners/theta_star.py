@@ -19,8 +19,7 @@ import numpy as np
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.values import LETHAL_OBSTACLE
-from mapdeal.kernels.arrays import Floats
-from mapdeal.kernels.searches import theta_costs, theta_path
+from mapdeal.kernels import arrays, searches
 from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan, poses_of
 
 
@@ -49,12 +48,12 @@ class ThetaStarPlanner(Planner):
         if start_cell == goal_cell:
             return Plan(True, poses=np.array([[*start[:2], (start if approaches else goal)[2]]]))
         weight, allow_unknown = self.values["w_traversal_cost"], self.values["allow_unknown"]
-        steps, sights = theta_costs(weight, allow_unknown=allow_unknown)
+        steps, sights = searches.theta_costs(weight, allow_unknown=allow_unknown)
         if np.isinf([steps[grid.costs[cell]] for cell in (start_cell, goal_cell)]).any():
             return no_plan("PlannerException")
         width = grid.costs.shape[1]
         first, last = (row * width + column for row, column in (start_cell, goal_cell))
-        cells = theta_path(
+        cells = searches.theta_path(
             grid.costs, (steps, sights), first, last,
             corners=4 if self.values["how_many_corners"] == 4 else 8,
             distance_weight=self.values["w_euc_cost"],
@@ -66,7 +65,7 @@ class ThetaStarPlanner(Planner):
         return Plan(True, poses=poses_of(points, None if approaches else goal[2]))
 
 
-def _interpolated(corners: Floats, step: float) -> Floats:
+def _interpolated(corners: arrays.Floats, step: float) -> arrays.Floats:
     """Return points on the lines between corners; the last gap of a line is 1 to 2 steps wide."""
     points = []
     for (x, y), (to_x, to_y) in pairwise(corners.tolist()):

@@ -10,17 +10,14 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from mapdeal.command import ABOVE_0, parameters_of
-from mapdeal.errors import ParameterError
+from mapdeal import command, errors
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, reach_radius
 from mapdeal.grid.reaching import Ground, squares_to
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode, Sweeps, closed_costs
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, NO_INFORMATION, OCCUPIED, UNKNOWN
+from mapdeal.kernels import components, distance, skeleton
 from mapdeal.kernels.arrays import Array, Floats, Integers, Mask
-from mapdeal.kernels.components import joined
-from mapdeal.kernels.distance import squared_distance
-from mapdeal.kernels.skeleton import STRAIGHT, far_from, flat_cells, largest_of_blocks
 from mapdeal.planning.graph_layouts import Cells, Place
 from mapdeal.records import dataclass, replace
 
@@ -38,15 +35,15 @@ SHARE = 0.85  # least clearance of a straight line, relative to that of the path
 
 @dataclass(frozen=True)
 class GraphOptions:
-    spacing: Annotated[float, ABOVE_0] = 2.0
-    hall: Annotated[float, ABOVE_0] = 4.0
-    cover: Annotated[float, ABOVE_0] = 3.0
-    slow_below: Annotated[float | None, ABOVE_0] = None
+    spacing: Annotated[float, command.ABOVE_0] = 2.0
+    hall: Annotated[float, command.ABOVE_0] = 4.0
+    cover: Annotated[float, command.ABOVE_0] = 3.0
+    slow_below: Annotated[float | None, command.ABOVE_0] = None
     one_way: LaneSide | None = None
-    keep_from_unknown: Annotated[float | None, ABOVE_0] = None
+    keep_from_unknown: Annotated[float | None, command.ABOVE_0] = None
 
     def __post_init__(self) -> None:
-        for name, parameter in parameters_of(GraphOptions).items():
+        for name, parameter in command.parameters_of(GraphOptions).items():
             object.__setattr__(self, name, parameter.accept(getattr(self, name)))
 
     def bounded(self, cells: int, side: float) -> GraphOptions:
@@ -89,7 +86,7 @@ def band_around_unknown(grid: Any, width: float) -> OccupancyGrid:
     """Return a keepout mask of the cells in which a line may come too near to unknown cells."""
     unknown = np.asarray(grid.occupancy) == UNKNOWN
     limit = (width / grid.resolution + _BETWEEN_CENTRES) ** 2
-    values = np.where((squared_distance(unknown) <= limit) & ~unknown, OCCUPIED, FREE)
+    values = np.where((distance.squared_distance(unknown) <= limit) & ~unknown, OCCUPIED, FREE)
     return OccupancyGrid(values.astype(np.int8), grid.resolution, grid.origin)
 
 
@@ -109,9 +106,9 @@ class Draft:
         self.is_open, self.squares = self.sweeps.is_open, self.sweeps.squared  # -1 in closed cells
         self.options = options.bounded(self.is_open.size, self.cell)
         self.spacing = self.options.spacing / self.cell
-        self.limit = int(self.options.cover / self.cell * STRAIGHT)  # of paths to a node
+        self.limit = int(self.options.cover / self.cell * skeleton.STRAIGHT)  # of paths to a node
         self.step = coarse_step(self.radius * self.cell, self.cell)
-        self.coarse = largest_of_blocks(self.squares, self.step)
+        self.coarse = skeleton.largest_of_blocks(self.squares, self.step)
         self.places: list[Place] = []
         self.kinds: list[Kind] = []
         self.names: dict[int, str] = {}
@@ -161,7 +158,7 @@ class Draft:
 
     def parts(self) -> Array:
         ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)
-        return joined(len(self.places), ends[:, 0], ends[:, 1])[0]
+        return components.joined(len(self.places), ends[:, 0], ends[:, 1])[0]
 
     def has_short_detour(self, start: int, end: int, limit: float) -> bool:
         beside, beyond = self.beside[start], self.beside[end]
@@ -193,12 +190,12 @@ class Draft:
         return [node for node in range(len(self.places)) if node not in self.gone]
 
     def cells_of(self, nodes: Sequence[int], step: int = 1) -> Cells:
-        return flat_cells(self.at(nodes), self.is_open.shape, step)
+        return skeleton.flat_cells(self.at(nodes), self.is_open.shape, step)
 
     def uncovered(self, nodes: Sequence[int], step: int = 1) -> Mask:
         """Return the reached cells, or blocks of cells, farther than `cover` from all the nodes."""
         is_open = self.is_open if step == 1 else self.coarse >= 0
-        return far_from(is_open, self.at(nodes) / step, self.limit // step)
+        return skeleton.far_from(is_open, self.at(nodes) / step, self.limit // step)
 
     def move_all(self, moves: Sequence[tuple[int, int, Sequence[int]]]) -> list[bool]:
         """Merge nodes into their replacements where the robot can follow the new edges."""
@@ -318,4 +315,4 @@ def check_options(options: GraphOptions, resolution: float) -> None:
     rule = f"must be at least four cells, {4 * resolution:g} m"
     for name in _LENGTHS:
         if (value := getattr(options, name)) < 4 * resolution:
-            raise ParameterError(rule, place=name, got=value)
+            raise errors.ParameterError(rule, place=name, got=value)

@@ -16,14 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from mapdeal.grid import reaching, values as codes
 from mapdeal.grid.reach import Reach
-from mapdeal.grid.reaching import nearest_marked
-from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE
+from mapdeal.kernels import components, distance, rotations
 from mapdeal.kernels.arrays import Array, Floats, Mask
-from mapdeal.kernels.components import labelled
-from mapdeal.kernels.distance import dilate_square, squared_distance
 from mapdeal.kernels.paths import cheapest_path
-from mapdeal.kernels.rotations import main_direction
 from mapdeal.kernels.skeleton import STRAIGHT, lengths_from, nearest_from, neighbouring, skeleton
 from mapdeal.planning import graph_drafts
 from mapdeal.planning.graph_layouts import Cells, Place, Tracing, lattices_in
@@ -96,14 +93,14 @@ class _CompleteDraft(graph_drafts.Draft):
         if not core.any():
             return
         reach = _WITHIN_HALL * half / self.step
-        self.is_hall = (squared_distance(core) <= reach * reach) & (self.coarse >= 0)
+        self.is_hall = (distance.squared_distance(core) <= reach * reach) & (self.coarse >= 0)
         margin = max(self.turning + 2, half / 2)
-        labels = labelled(self.is_hall, corners=True).cells
+        labels = components.labelled(self.is_hall, corners=True).cells
         usable = np.argwhere(self.is_hall & (self.coarse >= margin * margin))
         places, pairs = lattices_in(
             np.asarray((usable + 0.5) * self.step, dtype=np.float64),
             labels[usable[:, 0], usable[:, 1]],
-            main_direction(self.sweeps.closed > 0) or 0.0, self.spacing, float(self.step),
+            rotations.main_direction(self.sweeps.closed > 0) or 0.0, self.spacing, float(self.step),
             lambda places: self._is_usable(places, margin),
         )  # fmt: skip
         for place in places:
@@ -602,8 +599,8 @@ class _CompleteDraft(graph_drafts.Draft):
         """Return labels of pieces of walls up to four cells apart, and their extents in metres."""
         from scipy import ndimage
 
-        closed = self.sweeps.closed != FREE_SPACE
-        labels, _ = ndimage.label(dilate_square(closed, 2), np.ones((3, 3)))
+        closed = self.sweeps.closed != codes.FREE_SPACE
+        labels, _ = ndimage.label(distance.dilate_square(closed, 2), np.ones((3, 3)))
         labels[~closed] = 0
         boxes = ndimage.find_objects(labels)
         sides = [max(side.stop - side.start for side in box) for box in boxes]
@@ -621,7 +618,7 @@ class _CompleteDraft(graph_drafts.Draft):
         height, width = closed.shape
         is_inside = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
         values = closed[np.where(is_inside, rows, 0), np.where(is_inside, cols, 0)]
-        is_wall = ((values == LETHAL_OBSTACLE) & is_inside).any(axis=1)
+        is_wall = ((values == codes.LETHAL_OBSTACLE) & is_inside).any(axis=1)
         return float(is_wall.sum(axis=0).max()) * step * self.cell
 
     def _width_seen(self, place: Floats, across: Floats, turn: int) -> float:
@@ -680,7 +677,7 @@ class _CompleteDraft(graph_drafts.Draft):
         is_clear, _ = self.sweeps.along(self.at(nodes), self.at(nodes), touches=False)
         for node in np.array(nodes)[~is_clear].tolist():
             row, col = map(int, self.places[node])
-            if (cell := nearest_marked(self.is_open, (row, col))) is not None:
+            if (cell := reaching.nearest_marked(self.is_open, (row, col))) is not None:
                 self.places[node] = cell[0] + 0.5, cell[1] + 0.5
 
     def part_lanes(self) -> None:

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid import reaching, values
 from mapdeal.grid.costmap import Costmap, travel_weights
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Method, Route
-from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
 from mapdeal.grid.route_graph import RouteGraph
-from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.kernels import paths
 from mapdeal.kernels.arrays import Floats, Mask, Metres
 from mapdeal.kernels.distance import signed_distance
@@ -48,7 +47,7 @@ class Terrain:
         through_unknown: bool = False,
     ) -> Terrain:
         check_factor("cost_travel_multiplier", cost_travel_multiplier)
-        lethal = LETHAL_OBSTACLE if costmap.scale == "costmap2d" else OCCUPIED
+        lethal = values.LETHAL_OBSTACLE if costmap.scale == "costmap2d" else values.OCCUPIED
         is_lethal = costmap.cost == lethal
         distance = signed_distance(is_lethal, scale=costmap.resolution)
         by_cost = travel_weights(costmap, cost_travel_multiplier, through_unknown=through_unknown)
@@ -82,20 +81,20 @@ class Terrain:
             costs = paths.weighted_lengths_to(classes, self.weights_by_cost, place)
         return costs * self.costmap.resolution
 
-    def is_open(self, cell: Cell) -> bool:
+    def is_open(self, cell: reaching.Cell) -> bool:
         return self.costmap.frame.holds(cell) and bool(self.weights[cell] > 0)
 
     def is_clear(self, start: Place, end: Place) -> bool:
         return paths.is_line_clear(self.is_open, start, end)
 
-    def open_cell_of(self, point: Point, name: str) -> Cell:
+    def open_cell_of(self, point: Point, name: str) -> reaching.Cell:
         frame = self.costmap.frame
-        cell = cell_of_point(frame, point, name)
+        cell = reaching.cell_of_point(frame, point, name)
         if not self.is_open(cell):
             cost = int(self.costmap.cost[cell])
             cost_text = "unknown" if cost == self.costmap.unknown_value else f"cost {cost}"
             rule = f"lies in a closed cell ({cost_text})"
-            hint = nearest_open_text(frame, self.weights > 0, cell)
+            hint = reaching.nearest_open_text(frame, self.weights > 0, cell)
             raise ParameterError(rule, place=name, got=point, hint=hint)
         return cell
 
@@ -318,7 +317,7 @@ def _beside(index: int, length: int) -> tuple[int, int]:
     return max(index - 1, 0), min(index + 1, length - 1)
 
 
-def _cell_of(place: Place) -> Cell:
+def _cell_of(place: Place) -> reaching.Cell:
     return math.floor(place[0]), math.floor(place[1])
 
 

@@ -24,8 +24,7 @@ from mapdeal.files.source import PIECES, binary_file, check_readable, claim, use
 from mapdeal.files.text import coordinate_name, delimiter_of, first_line, is_number, read_rows
 from mapdeal.kernels.arrays import Array, Floats, Integers, Mask
 from mapdeal.kernels.sensing import lzf_expanded
-from mapdeal.maps.kinds import CLOUD, NUMBERS, recognised
-from mapdeal.maps.npz import NpyHeader, NpzReader, read_npy_header
+from mapdeal.maps import kinds, npz
 from mapdeal.records import dataclass, field
 
 _LONGEST_HEADER = 1 << 20
@@ -113,7 +112,7 @@ _KEY = "points"
 
 
 def _npz_points(_: BinaryIO, path: Path) -> Iterator[Floats]:
-    with NpzReader(path, _MOST_ELEMENTS) as reader:
+    with npz.NpzReader(path, _MOST_ELEMENTS) as reader:
         names = reader.names()
         if _KEY not in names and len(names) != 1:
             rule = "must hold an array points, or one array alone"
@@ -162,9 +161,9 @@ def _npy_points(file: BinaryIO, path: Path) -> Iterator[Floats]:
             yield np.stack(columns, axis=1).astype(np.float64)
 
 
-def _npy_header(file: BinaryIO) -> NpyHeader:
+def _npy_header(file: BinaryIO) -> npz.NpyHeader:
     try:
-        return read_npy_header(file)
+        return npz.read_npy_header(file)
     except ValueError as error:
         raise MalformedInputError(f"is not an npy file: {error}") from None
 
@@ -550,7 +549,7 @@ def header_figures(path: Path, form: str) -> dict[str, Any]:
 
 
 def cloud_chunks(path: Path) -> Iterator[Floats]:
-    with recognised(path, "a point cloud", CLOUD, NUMBERS):
+    with kinds.recognised(path, "a point cloud", kinds.CLOUD, kinds.NUMBERS):
         check_readable(path)
         if (suffix := path.suffix.lower()) not in CLOUD_SUFFIXES:
             rule = f"a cloud must end in {', '.join(CLOUD_SUFFIXES)}"

@@ -14,8 +14,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from mapdeal.errors import MalformedInputError, MapdealError, emit_warning, shown
-from mapdeal.files import source as sources
-from mapdeal.files.json_values import JsonValue, read_document
+from mapdeal.files import json_values, source as sources
 from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.frame import FARTHEST, Point, Transform
 from mapdeal.kernels.arrays import Floats, Integers, Mask
@@ -38,7 +37,7 @@ def transform_document(transform: Transform) -> dict[str, Any]:
 def read_transform(path: Path) -> TransformFile:
     # The file was written by ``mapdeal align``, or by hand: an object with x, y (metres) and yaw
     # (radians).
-    document = read_document(path)
+    document = json_values.read_document(path)
     nested = document.get("transform")
     entries = document if nested is None else nested
     same_place, chosen_by = (document.get(key) for key in ("same_place", "chosen_by"))
@@ -49,7 +48,7 @@ def read_transform(path: Path) -> TransformFile:
     return TransformFile(transform, *(_checksums(document.get(key)) for key in ("first", "second")))
 
 
-def _checksums(document: JsonValue | None) -> dict[str, str]:
+def _checksums(document: json_values.JsonValue | None) -> dict[str, str]:
     sums = None if document is None or document.is_null else document.get("sha256")
     return {} if sums is None else {key: value.sha256() for key, value in sums.fields().items()}
 

@@ -25,8 +25,7 @@ from mapdeal.files.source import access_to, check_readable, status_of
 from mapdeal.files.text import LONGEST_LINE, delimiter_of, first_line, read_rows
 from mapdeal.grid.frame import FARTHEST
 from mapdeal.kernels.arrays import Floats
-from mapdeal.maps.kinds import SCANS, recognised
-from mapdeal.maps.npz import NpzReader
+from mapdeal.maps import kinds, npz
 from mapdeal.records import dataclass, field
 from mapdeal.sensors.points import read_poses, read_table
 
@@ -450,7 +449,7 @@ _MOST_ELEMENTS = 1 << 31
 class ScanNpz(ScanSource):
     def __init__(self, path: Path) -> None:
         self.files, self.named = (path,), path
-        with NpzReader(path, _MOST_ELEMENTS) as reader:
+        with npz.NpzReader(path, _MOST_ELEMENTS) as reader:
             self._angles = reader.numbers("angles", 1)
             self._poses = reader.numbers("poses", 2)
         if self._poses.shape[1] != 3:
@@ -467,12 +466,12 @@ class ScanNpz(ScanSource):
     def scans(self) -> Iterator[ScanArrays]:
         expected = (self.count, len(self._angles))
         start = 0
-        with NpzReader(self.named, _MOST_ELEMENTS) as reader:
+        with npz.NpzReader(self.named, _MOST_ELEMENTS) as reader:
             for rows in reader.rows("ranges", len(self._angles), shape=expected):
                 yield ScanArrays(self._poses[start : start + len(rows)], self._angles, rows)
                 start += len(rows)
 
 
 def open_log(path: Path, *, max_bad: int = DEFAULT_MAX_BAD) -> ScanSource:
-    with recognised(path, "a log of laser scans", SCANS):
+    with kinds.recognised(path, "a log of laser scans", kinds.SCANS):
         return ScanNpz(path) if path.suffix.lower() == ".npz" else CarmenLog(path, max_bad=max_bad)
