@@ -30,7 +30,6 @@ _PIECE = 1 << 20
 _MOST_NAMED = 12
 _TOPICS = "topics_with_message_count"
 
-
 _Metadata = tuple[str, tuple[str, ...], str, Mapping[str, str]]
 """Storage, files, compression, and serializations by topic, of ``metadata.yaml``."""
 

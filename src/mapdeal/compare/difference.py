@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import errors, records
 from mapdeal.grid import canvas, values as codes
@@ -15,11 +14,11 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels import components, lookup, threads
-from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask, SignedBytes
 from mapdeal.kernels.distance import within_distance
 
 STATES = ("occupied", "free", "unknown", "between")  # of cells; "between" are the values 1..99
-SYMMETRIES: dict[str, Callable[[NDArray[np.int8]], NDArray[np.int8]]] = {
+SYMMETRIES: dict[str, Callable[[SignedBytes], SignedBytes]] = {
     "mirrored upside down": np.flipud,
     "mirrored left to right": np.fliplr,
     "turned by 180 degrees": lambda cells: cells[::-1, ::-1],
@@ -29,7 +28,6 @@ SYMMETRIES: dict[str, Callable[[NDArray[np.int8]], NDArray[np.int8]]] = {
     "transposed and turned by 180 degrees": lambda cells: cells.T[::-1, ::-1],
 }
 """Ways in which the cells of a map are often confused."""
-
 
 # What a cell of the comparison shows; where cells share a pixel the largest does.
 OUTSIDE, BOTH_UNKNOWN, BOTH_FREE, CHANGED, COMMON, REMOVED, ADDED = range(7)
@@ -229,7 +227,7 @@ def geometry_pairs(first: Frame, second: Frame) -> dict[str, tuple[Any, Any]]:
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
-def states_of(values: NDArray[np.int8]) -> Bytes:
+def states_of(values: SignedBytes) -> Bytes:
     table = np.full(256, STATES.index("between"), dtype=np.uint8)
     table[[codes.OCCUPIED, codes.FREE]] = STATES.index("occupied"), STATES.index("free")
     table[128:] = STATES.index("unknown")
@@ -265,7 +263,7 @@ def _is_beyond(first: Bytes, second: Bytes, both: Mask, square: int) -> Mask:
     return beyond
 
 
-def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str | None:
+def _better_symmetry(first: SignedBytes, second: SignedBytes) -> str | None:
     if first.shape not in (second.shape, second.shape[::-1]):
         return None
     as_it_is = int((first == second).sum()) if first.shape == second.shape else 0

@@ -686,8 +686,7 @@ def _faults_in(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]
     least = max(_LEAST_BEND, 2 * cell)
     if bend.metres >= least and bend.share_bent - bend.share >= _LEAST_GAIN:
         place = place_text(maps[1], bend.point_xy)
-        severity = bend.metres / least
-        yield Fault("bent", bend.metres, "m", None, *bend.point_xy, place, severity)
+        yield Fault("bent", bend.metres, "m", None, *bend.point_xy, place, bend.metres / least)
         near += bend.metres
     walls, true_walls = estimate == OCCUPIED, truth == OCCUPIED
     square = int((near / cell) ** 2)

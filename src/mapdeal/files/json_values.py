@@ -183,8 +183,7 @@ def read_document(path: Path) -> JsonValue:
             object_pairs_hook=_refuse_duplicates,
         )  # fmt: skip
     except UnicodeDecodeError as error:
-        place = f"byte {error.start}"
-        raise MalformedInputError("not UTF-8", source=path, place=place) from None
+        raise MalformedInputError("not UTF-8", source=path, place=f"byte {error.start}") from None
     except json.JSONDecodeError as error:
         place = f"line {error.lineno}, column {error.colno}"
         raise MalformedInputError(f"invalid JSON: {error.msg}", source=path, place=place) from None

@@ -169,7 +169,6 @@ def _check_line(line: bytes, number: int, table: _Table) -> None:
 
 _NOISE = 1e-12
 
-
 Kind = Literal["exact", "single", "integer"]
 """Format of the numbers in a column: `repr`; the fewest digits that identify a float32, else nine,
 and 0 for rounding errors; or no decimal point. Numbers that are not finite become ``null``."""

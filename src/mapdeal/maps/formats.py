@@ -8,16 +8,16 @@ from pathlib import Path
 from mapdeal.errors import ParameterError
 from mapdeal.files.source import BIT_MAP
 from mapdeal.grid.values import join_words
-from mapdeal.maps import map_file, npz, pbstream
-from mapdeal.maps.map_server import BITS, PAIR
+from mapdeal.maps import map_file, map_server, npz, pbstream
 
-FORMATS: tuple[map_file.MapFormat, ...] = (PAIR, npz.NPZ, BITS, pbstream.PBSTREAM)
+FORMATS = (map_server.PAIR, npz.NPZ, map_server.BITS, pbstream.PBSTREAM)
 MAP_ENDINGS = tuple(ending for entry in FORMATS for ending in entry.endings)
 
 
 def format_of(path: Path) -> map_file.MapFormat:
     """Return the format of a map by its ending; files without a known one are read as YAML."""
-    return next((entry for entry in FORMATS if path.suffix.lower() in entry.endings), PAIR)
+    ending = path.suffix.lower()
+    return next((entry for entry in FORMATS if ending in entry.endings), map_server.PAIR)
 
 
 def output_format(output: Path, more: Sequence[str] = ()) -> map_file.MapFormat:

@@ -124,8 +124,7 @@ class PnmImage(OpenImage):
         if self._maxval > 255:
             samples = np.frombuffer(data, dtype=">u2").astype(np.uint16)
         if self._maxval not in (255, 65535):
-            before = first * self.width * self._channels
-            check_pixels(samples, self._maxval, before, self.file.path)
+            check_pixels(samples, self._maxval, first * self.width * self._channels, self.file.path)
         return self._picture_of(samples)
 
     def _picture_of(self, samples: Samples) -> Picture:
@@ -602,8 +601,7 @@ def open_image(path: Path, *, max_cells: int | None = None) -> Iterator[OpenImag
     if not file.head:
         raise file.error("the image file is empty")
     if file.head.startswith(sources.LFS_POINTER):
-        hint = "fetch it with: git lfs pull"
-        raise file.error("is a Git LFS pointer, not the image", hint=hint)
+        raise file.error("is a Git LFS pointer, not the image", hint="fetch it with: git lfs pull")
     raise file.error(_NOT_AN_IMAGE)
 
 

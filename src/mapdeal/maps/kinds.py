@@ -395,7 +395,6 @@ _DETECTORS: tuple[Callable[[Path, bytes], FileKind | None], ...] = (
 STDIN, STDOUT = "standard input", "standard output"
 
 _ZIP = b"PK\3\4"
-_HEAD_OF_STREAM = 1 << 16
 _HINT = "a map comes by a pipe as an npz: mapdeal convert MAP -o - makes one of any map"
 
 
@@ -407,8 +406,8 @@ def save_npz(chunks: Iterable[bytes], folder: Path) -> Path:
         for chunk in chunks:
             length += len(chunk)
             file.write(chunk)
-            head += chunk[: max(_HEAD_OF_STREAM - len(head), 0)]
-            if len(head) >= _HEAD_OF_STREAM and not head.startswith(_ZIP):
+            head += chunk[: max(_HEAD - len(head), 0)]
+            if len(head) >= _HEAD and not head.startswith(_ZIP):
                 break
             if source.current_budget().limit is not None:
                 source.claim(STDIN, length)

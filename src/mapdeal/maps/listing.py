@@ -327,11 +327,6 @@ def _lies_in(folder: Path, output: Path | None) -> bool:
     return real == output or output in real.parents
 
 
-def _is_of_run(folder: Path, files: Sequence[str]) -> bool:
-    manifest = "manifest.json"
-    return manifest in files and document_kind(read_json(folder / manifest)) == MANIFEST
-
-
 def _below_folder(
     folder: Path, output: Path | None, exempt: ListedFolders | None
 ) -> tuple[list[Path], list[Path]]:
@@ -347,7 +342,9 @@ def _below_folder(
                 raise
             listed.append(subfolder)
             return [], []
-        if exempt is None and subfolder != folder and _is_of_run(subfolder, files):
+        manifest = subfolder / "manifest.json"
+        may_be_run = exempt is None and subfolder != folder and manifest.name in files
+        if may_be_run and document_kind(read_json(manifest)) == MANIFEST:
             return [], []
         if exempt is not None and exempt.mark in files and exempt.is_listed_itself(subfolder):
             listed.append(subfolder)

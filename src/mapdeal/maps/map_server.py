@@ -16,7 +16,6 @@ from typing import Any, Literal
 from urllib.parse import unquote
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import errors, records
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
@@ -27,7 +26,7 @@ from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.frame import Frame, Framed, Origin
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale, join_words, occupancy_from_cost
-from mapdeal.kernels import blocks, threads
+from mapdeal.kernels import arrays, blocks, threads
 from mapdeal.kernels.lookup import look_up
 from mapdeal.maps import map_file, png
 from mapdeal.maps.dialects import Dialect, MapMetadata, Mode, cells_of, read_metadata, yaml_of
@@ -54,7 +53,7 @@ class FreedCells:
         self._byte_is_free: bool | None = None
 
     def add(
-        self, picture: Picture, occupancy: NDArray[np.int8], times: NDArray[np.int64] | None = None
+        self, picture: Picture, occupancy: arrays.SignedBytes, times: arrays.Integers | None = None
     ) -> None:
         if not self.are_possible(picture):
             return
@@ -76,7 +75,7 @@ class FreedCells:
         return self._byte_is_free
 
 
-def map_saver_grey_mask(picture: Picture) -> NDArray[np.bool_]:
+def map_saver_grey_mask(picture: Picture) -> arrays.Mask:
     """Return which pixels have the grey that map_saver writes for unknown, shape (H, W)."""
     # Only its exact brightness counts, 205 / 255 at any maxval: a neighbouring grey may be free
     # with the usual thresholds on purpose.
@@ -84,7 +83,7 @@ def map_saver_grey_mask(picture: Picture) -> NDArray[np.bool_]:
         has_grey = (picture.palette[:, :3] == MAP_SAVER_UNKNOWN).all(axis=1)
     else:
         has_grey = np.arange(picture.maxval + 1) * 255 == MAP_SAVER_UNKNOWN * picture.maxval
-    mask: NDArray[np.bool_] = by_sample(has_grey, picture.samples)
+    mask: arrays.Mask = by_sample(has_grey, picture.samples)
     return mask[..., 0] & mask[..., 1] & mask[..., 2] if picture.colour == "rgb" else mask
 
 
@@ -141,7 +140,7 @@ class PixelRemarks:
     def are_possible(self, picture: Picture) -> bool:
         return self._metadata.mode == "raw" or self._freed.are_possible(picture)
 
-    def add(self, picture: Picture, occupancy: NDArray[np.int8]) -> None:
+    def add(self, picture: Picture, occupancy: arrays.SignedBytes) -> None:
         self._cells += occupancy.size
         self._reads_indices = self._dialect == "ros1" and picture.colour == "palette"
         if self._metadata.mode == "raw":
@@ -159,7 +158,7 @@ class PixelRemarks:
             warn_of(yaml_path, remark, "thresholds.unknown-becomes-free")
 
 
-def count_of_lost(picture: Picture, times: NDArray[np.int64] | None = None) -> int:
+def count_of_lost(picture: Picture, times: arrays.Integers | None = None) -> int:
     """Return how many pixels of mode raw hold no value of a map; only 8-bit grey can."""
     # `times` is how often each pixel occurs, as in `FreedCells.add`.
     if picture.colour != "grey" or picture.maxval != 255:
@@ -167,7 +166,7 @@ def count_of_lost(picture: Picture, times: NDArray[np.int64] | None = None) -> i
     return _count((picture.samples > OCCUPIED) & (picture.samples < 255), times)
 
 
-def _count(mask: NDArray[np.bool_], times: NDArray[np.int64] | None) -> int:
+def _count(mask: arrays.Mask, times: arrays.Integers | None) -> int:
     return int(np.count_nonzero(mask) if times is None else times[mask].sum())
 
 
@@ -175,25 +174,22 @@ def remark_on_lost(count: int) -> str:
     return f"{count} pixels of mode raw hold 101..254, read as unknown"
 
 
-_bare_images: ContextVar[tuple[float, Origin] | None] = ContextVar("bare_images", default=None)
+bare_geometry: ContextVar[tuple[float, Origin] | None] = ContextVar("geometry", default=None)
+"""Resolution and origin of maps that do not state them, such as images without a YAML file."""
 
 
 def bare_images(resolution: float, origin: Origin) -> AbstractContextManager[None]:
     """Read images named in place of a YAML file as maps, with the usual thresholds."""
-    return threads.set_within(_bare_images, (resolution, origin))
-
-
-def chosen_geometry() -> tuple[float, Origin] | None:
-    return _bare_images.get()
+    return threads.set_within(bare_geometry, (resolution, origin))
 
 
 def is_bare_image(path: Path) -> bool:
-    return _bare_images.get() is not None and path.suffix.lower() in IMAGE_SUFFIXES
+    return bare_geometry.get() is not None and path.suffix.lower() in IMAGE_SUFFIXES
 
 
 def bare_image(path: Path) -> MapMetadata | None:
     """Return the metadata of an image that is read without a YAML file; None for other files."""
-    geometry = _bare_images.get()
+    geometry = bare_geometry.get()
     if geometry is None or not is_bare_image(path):
         return None
     if sources.yaml_at(path):
@@ -290,7 +286,7 @@ class PairFile(map_file.MapFile):
         for remark in self._remarks:
             emit_warning(remark)
 
-        def decoded(rows: slice) -> NDArray[np.int8]:
+        def decoded(rows: slice) -> arrays.SignedBytes:
             part = read(rows)
             cells = np.empty(part.shape, dtype=np.int8)
             for cell_rows, picture in part.placed():
@@ -395,7 +391,7 @@ def _nearest_name(path: Path) -> str | None:
     return f"the folder has {', '.join(dict.fromkeys(similar))}" if similar else None
 
 
-def costs_of(picture: Picture, path: Path) -> NDArray[np.uint8]:
+def costs_of(picture: Picture, path: Path) -> arrays.Bytes:
     if picture.colour != "grey" or picture.maxval != 255 or picture.alpha is not None:
         rule = "an image of costs must have one 8-bit grey channel"
         raise MalformedInputError(rule, source=path, got=picture.colour)
@@ -536,7 +532,7 @@ def _pixel_writer(
     return RowsWriter(pixels, lambda file: (begin_pgm(file, pixels, comment=comment), lambda: None))
 
 
-def _pixels_of(values: blocks.Layer, table: NDArray[np.uint8]) -> blocks.Layer:
+def _pixels_of(values: blocks.Layer, table: arrays.Bytes) -> blocks.Layer:
     # The pixels are computed band by band during writing, so they never fill an array.
     if blocks.is_lazy(values):
         return blocks.looked_up(values, table)

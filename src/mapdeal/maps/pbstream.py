@@ -267,7 +267,7 @@ class StateFile(map_file.MapFile):
         super().__init__(path)
         self._dialect: Dialect = dialect
         self._max_cells = LARGEST_CELLS if max_cells is None else max_cells
-        self._resolution, origin = map_server.chosen_geometry() or (_RESOLUTION, (0.0, 0.0, 0.0))
+        self._resolution, origin = map_server.bare_geometry.get() or (_RESOLUTION, (0.0, 0.0, 0.0))
         if any(origin):
             raise ParameterError("applies to images; a state has its own", place="origin")
         self._submaps: dict[tuple[int, int], Submap] = {}
@@ -342,8 +342,7 @@ class StateFile(map_file.MapFile):
         with sources.binary_file(self.path) as file:
             *_, origin = self._canvas
             for submap, place in self._slices:
-                shift = place.shift + origin
-                paint(pixels, submap.texture(file), place._replace(shift=shift))
+                paint(pixels, submap.texture(file), place._replace(shift=place.shift + origin))
         sources.note_sum(self.path, lambda: sources.sha256_of(self.path))
         return pixels[::-1]
 

@@ -255,7 +255,6 @@ _BINARY = (140, 92, 200)
 _SLOW_TO_FAST = [palette.CLOSED_PASSAGE, palette.TIGHT_PASSAGE, palette.CHANGED]
 _MOST_LIMITS = 12  # colours of limits; further limits share them
 
-
 _ColouredCells = tuple[Mask, palette.Colour, str]
 """The cells of a speed limit or of another filter, with their colour and label."""
 

@@ -25,7 +25,6 @@ _ENDLESS = 2**31 - 1  # iterations without a limit
 _FEWEST = 12  # poses of a path that is smoothed
 _SAME = 1e-4  # metres in x and in y between poses at one place
 
-
 SMAC: Mapping[str, Default] = {
     "tolerance": 0.25, "allow_unknown": True, "max_iterations": 1_000_000,
     "max_on_approach_iterations": 1000, "terminal_checking_interval": 5000,

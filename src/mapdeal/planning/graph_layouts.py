@@ -11,15 +11,14 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from statistics import median
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.kernels.arrays import Array, Floats, Integers, Mask
 from mapdeal.kernels.distance import dilate_square
 
-Cells = NDArray[np.int64]
+Cells = Integers  # rows and columns, shape (N, 2)
 Chain = list[int]  # cells from start to end, both included
 Place = tuple[float, float]  # continuous row and column
 _MOST_ACROSS_NARROW = 2  # places across a narrow part of a hall
@@ -27,7 +26,7 @@ _LEAST_DISTANCE = 0.7  # of places, as a share of the spacing
 
 
 def lattices_in(
-    points: Floats, halls: NDArray[np.integer[Any]], direction: float, spacing: float, step: float,
+    points: Floats, halls: Array, direction: float, spacing: float, step: float,
     is_usable: Callable[[Floats], Mask],
 ) -> tuple[list[Place], Integers]:  # fmt: skip
     """Return places in the halls of some points, and the pairs of neighbours in one hall."""
@@ -138,7 +137,7 @@ class Tracing:
     # Nodes and cells are indices into `cells`, which are blocks of `step` x `step` cells of a
     # map; `mouths` are ends at which a hall begins. Squares of closed cells are negative.
 
-    def __init__(self, squares: NDArray[Any], step: int, lines: Mask, halls: Mask) -> None:
+    def __init__(self, squares: Array, step: int, lines: Mask, halls: Mask) -> None:
         self.cells = np.argwhere(lines)
         self.fine = _best_in_blocks(squares, step, self.cells)
         clearances = np.sqrt(squares[self.fine[:, 0], self.fine[:, 1]])
@@ -319,7 +318,7 @@ class Tracing:
                 self.add([*head, *moved, *tail])
 
 
-def _best_in_blocks(squares: NDArray[Any], step: int, blocks: Cells) -> Cells:
+def _best_in_blocks(squares: Array, step: int, blocks: Cells) -> Cells:
     """Return the cell of the largest square in each block; of equal ones the most central."""
     if step == 1 or not len(blocks):
         return blocks

@@ -51,8 +51,7 @@ class Terrain:
         is_lethal = costmap.cost == lethal
         distance = signed_distance(is_lethal, scale=costmap.resolution)
         by_cost = travel_weights(costmap, cost_travel_multiplier, through_unknown=through_unknown)
-        weights = by_cost[costmap.cost.view(np.uint8)]
-        terrain = cls(costmap, weights, distance, is_lethal, by_cost)
+        terrain = cls(costmap, by_cost[costmap.cost.view(np.uint8)], distance, is_lethal, by_cost)
         return replace(terrain, weights=terrain.weights_near_obstacles(field_weight))
 
     def weights_near_obstacles(self, field_weight: float) -> Floats:

@@ -161,7 +161,6 @@ _LINES_TOGETHER, _BYTES_TOGETHER = 512, 1 << 20
 _TYPES = {"head": "S40", "middle": "S40", "ranges": "f8", "pose": "f8", "time": "f8"}
 _NO_POSE = (0.0, 0.0, 0.0)
 
-
 _Laser = tuple[float, float, int]
 """Angle of the first reading and between readings, radians, and their number."""
 
