@@ -441,17 +441,14 @@ def cells_of(
     """Return the occupancy that a reader gives each cell, shape (H, W), row 0 in the south."""
     picture = picture[::-1]
     is_byte = picture.samples.dtype == np.uint8 and picture.samples.ndim == 2
-    if is_byte and picture.file_format == "PNM":  # all readers look the pixels up in a table
-        values = DIALECTS[dialect](picture, metadata)
-        if out is None:
-            return np.ascontiguousarray(values)
-        out[:] = values
-        return out
-    # colours and opacities become wide numbers, so only some rows are converted at once
+    # All readers look the bytes of a PNM up in a table. Colours and opacities become wide numbers,
+    # so only some rows are converted at once.
+    is_looked_up = is_byte and picture.file_format == "PNM"
+    most_pixels = picture.samples.size if is_looked_up else _PIXELS_AT_ONCE
     cells = np.empty(picture.shape, dtype=np.int8) if out is None else out
     read = reader_of(picture, metadata, dialect)
     first = 0
-    for band in picture.bands(_PIXELS_AT_ONCE):
+    for band in picture.bands(most_pixels):
         cells[first : first + band.shape[0]] = read(band)
         first += band.shape[0]
     return cells

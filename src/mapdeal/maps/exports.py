@@ -20,7 +20,7 @@ from functools import partial
 from html import escape
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,6 @@ from mapdeal.files.text import decimal_without_zeros
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.outlines import Polygons, Rectangles, Surface
-from mapdeal.records import dataclass
 
 Area = Literal["free", "obstacles"]
 _Rings = list[list[list[float]]]
@@ -43,8 +42,7 @@ WALL_FILL, UNKNOWN_FILL = "#000000", "#d9d9d9"
 _number = partial(decimal_without_zeros, decimals=_DECIMALS)
 
 
-@dataclass(frozen=True, eq=False)
-class Outlines:  # of the areas of a set of cells
+class Outlines(NamedTuple):  # of the areas of a set of cells
     polygons: Polygons
     frame: Frame
     name: str
@@ -178,8 +176,7 @@ _BEGIN = """\
 _END = "</link>\n</model>\n</world>\n</sdf>\n"
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(NamedTuple):
     """Corners of a surface in the map frame, shape (N, 3), metres, and its triangles, (M, 3)."""
 
     corners: Floats

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from glob import has_magic
 from itertools import takewhile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError, emit_warning
 from mapdeal.files import source as sources
@@ -144,8 +144,7 @@ _LARGEST_LIST = 1 << 26
 _PER_NAME = 400  # bytes in memory for the name of a map and its entry in the listing
 
 
-@dataclass(frozen=True)
-class ListedMap:
+class ListedMap(NamedTuple):
     path: Path
     name: str
     error: MapdealError | None = None
@@ -157,8 +156,7 @@ class ListedMap:
         return Path(self.name).parent / self.path.stem
 
 
-@dataclass(frozen=True)
-class ListedFolders:
+class ListedFolders(NamedTuple):
     """Folders that are listed themselves instead of searched for maps, such as those of runs."""
 
     # Their subfolders are searched as usual. A folder that is unreadable or has no map is listed as
@@ -190,8 +188,7 @@ class MapListing:
                     terminal.detail(f"{text.rsplit(' ', 2)[0]}: {path}")
 
 
-@dataclass
-class _Expansion:
+class _Expansion(NamedTuple):
     """Files of one argument; `root` is None if the argument is a map's own name."""
 
     root: Path | None

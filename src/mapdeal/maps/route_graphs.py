@@ -10,9 +10,9 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from mapdeal import errors, records
+from mapdeal import errors
 from mapdeal.files.json_values import ROUTE_GRAPH, JsonValue, is_route_graph, read_document
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
@@ -22,8 +22,7 @@ _MOST_ID = (1 << 32) - 1  # the server's ids are unsigned int
 FRAME = "map"  # the server's route_frame, and the default frame of nodes
 
 
-@records.dataclass(frozen=True, eq=False)
-class GraphProblem:
+class GraphProblem(NamedTuple):
     """A reason why the server refuses a file, or a value that it reads in an unexpected way."""
 
     check: str  # name of lint's check without ``graph.``
@@ -31,12 +30,11 @@ class GraphProblem:
     point: tuple[float, float] | None = None  # place on the map
 
 
-@records.dataclass(frozen=True, eq=False)
-class GraphFile:
+class GraphFile(NamedTuple):
     """The readable part of a graph, without edges that lack an end, and the file's problems."""
 
     graph: RouteGraph
-    problems: tuple[GraphProblem, ...] = records.field(default=())
+    problems: tuple[GraphProblem, ...] = ()
 
 
 def read_route_graph(path: Path | str) -> RouteGraph:

@@ -6,7 +6,7 @@ import math
 import unicodedata
 from collections.abc import Sequence
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from mapdeal.kernels import engine, lookup
 from mapdeal.kernels.arrays import Bytes
 from mapdeal.pictures.colours import ColourBar, Colours, LayerStyle, Swatch
 from mapdeal.pictures.overlay import Overlay, Raster, Surface
-from mapdeal.records import dataclass
 
 _SHADES = 16
 MOST_COLOURS = 256 - _SHADES  # of a picture; the others are the greys of the text
@@ -87,8 +86,7 @@ def _ink(text: str, size: int) -> Bytes:
     return np.frombuffer(line.tobytes().translate(_INK), np.uint8).reshape(line.size[::-1])
 
 
-@dataclass(frozen=True, eq=False)
-class Image:
+class Image(NamedTuple):
     """A palette image: indices, shape (H, W), row 0 at the top, and colours, shape (256, 3)."""
 
     indices: Bytes
@@ -243,7 +241,6 @@ def sheet(
     # The sheet of a thin map is as wide as its title, but very long titles are cut.
     sheet_width = max(needed, min(title_width, 60 * text_size) + 2 * pad)
     sheet_height = max(top + height + below + int(3.2 * text_size), top + legend_height + pad)
-
     pen.open(sheet_width, sheet_height)
     pen.text(pad, pad, title, limit=sheet_width - 2 * pad, large=True)
     pen.text(pad, pad + int(1.55 * text_size), subtitle, limit=sheet_width - 2 * pad)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.arrays import Bytes, Floats
 from mapdeal.pictures import canvas, colours, overlay, styles
-from mapdeal.records import dataclass
 
 _UNKNOWN = 1  # the largest kind of cells that are unknown in both maps
 _SMALL_SIDE = 1200  # pixels; enlarges small maps until single cells are visible
@@ -96,8 +95,7 @@ _TICKS = 5
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class ScoredWalls:
+class ScoredWalls(NamedTuple):
     frame: Frame
     estimate: Bytes
     truth: Bytes

@@ -63,8 +63,7 @@ class Smac2DPlanner(Planner):
         tolerance = float(np.float32(self.values["tolerance"]) / np.float32(grid.resolution))
         if not _is_zone_open(np.isfinite(step_costs[0]), grid, goal_xy, tolerance):
             return no_plan("GoalOccupied")
-        names = ("max_iterations", "max_on_approach_iterations")
-        limits = [self.values[name] for name in names]
+        limits = [self.values[name] for name in ("max_iterations", "max_on_approach_iterations")]
         limit, most_near_goal = (count if count > 0 else _ENDLESS for count in limits)
         cells, iterations = grid_path(
             grid.costs, step_costs, first, last, goal_xy, tolerance=tolerance,

@@ -19,11 +19,9 @@ from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.frame import FARTHEST, Point, Transform
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.maps.kinds import NUMBERS, POSES, recognised
-from mapdeal.records import dataclass
 
 
-@dataclass(frozen=True)
-class TransformFile:
+class TransformFile(NamedTuple):
     transform: Transform
     first: Mapping[str, str]
     second: Mapping[str, str]
@@ -212,8 +210,7 @@ _LONGEST_LINE = 1 << 16
 _LINE_FEED = ord("\n")
 
 
-@dataclass(frozen=True, eq=False)
-class NumberLines:
+class NumberLines(NamedTuple):
     """Numbers in lines: shape (N, 2) for points, (N, 3) for poses, (N, 4) or (N, 6) for pairs."""
 
     numbers: Floats
