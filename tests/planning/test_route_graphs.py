@@ -18,8 +18,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.maps.route_graphs import graph_text
 from mapdeal.planning import route_graphs
-from mapdeal.planning.graph_drafts import GraphOptions, band_around_unknown
-from mapdeal.planning.graph_layouts import lattices_in
+from mapdeal.planning.graph_drafts import GraphOptions, band_around_unknown, lattices_in
 from mapdeal.planning.route_graphs import AREA_PER_NODE, MOST_EDGES, route_graph_of
 from mapdeal.planning.routes import Terrain, route_on_graph
 from oracles import lengths_from

@@ -18,9 +18,8 @@ import numpy as np
 import yaml
 
 from mapdeal import errors, records
-from mapdeal.files import source, yaml_text
+from mapdeal.files import source, text as texts, yaml_text
 from mapdeal.files.json_values import LARGEST_DOCUMENT, document_kind, finite_or_text, read_json
-from mapdeal.files.text import BYTE_ORDER_MARK, coordinate_name, delimiter_of, is_number
 from mapdeal.grid.values import join_words
 from mapdeal.maps import images, npz
 from mapdeal.maps.formats import FORMATS, MAP_ENDINGS
@@ -90,7 +89,7 @@ def kind_of(path: Path) -> FileKind | None:
     if source.is_folder(path):
         kind = _kind_of_folder(path)
     else:
-        head = source.head_of(path, _HEAD).removeprefix(BYTE_ORDER_MARK)
+        head = source.head_of(path, _HEAD).removeprefix(texts.BYTE_ORDER_MARK)
         kind = next(filter(None, (detect(path, head) for detect in _DETECTORS)), None)
     as_typed = shlex.quote(str(path))
     return None if kind is None else records.replace(kind, use=kind.use.format(path=as_typed))
@@ -356,13 +355,13 @@ def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
         return None
     if len(rows) > 2 and rows[0].isdigit() and len(rows[1].split()) > 1:
         del rows[0]  # the number of points, as in .pts
-    delimiter = delimiter_of(rows[-1])
-    names = [coordinate_name(word) for word in rows[0].removeprefix("//").split(delimiter)]
+    delimiter = texts.delimiter_of(rows[-1])
+    names = [texts.coordinate_name(word) for word in rows[0].removeprefix("//").split(delimiter)]
     has_names = {"x", "y"} <= set(names) and len(rows) > 1
     width = len(rows[-1].split(delimiter))
     for row in rows[has_names:]:
         words = row.split(delimiter)
-        if len(words) != width or not all(map(is_number, words)):
+        if len(words) != width or not all(map(texts.is_number, words)):
             return None
 
     def figures() -> dict[str, Any]:

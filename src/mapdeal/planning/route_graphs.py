@@ -23,7 +23,7 @@ from mapdeal.kernels.arrays import Array, Floats, Mask
 from mapdeal.kernels.paths import cheapest_path
 from mapdeal.kernels.skeleton import STRAIGHT, lengths_from, nearest_from, neighbouring, skeleton
 from mapdeal.planning import graph_drafts
-from mapdeal.planning.graph_layouts import Cells, Place, Tracing, lattices_in
+from mapdeal.planning.graph_drafts import Cells, Place, Tracing, lattices_in
 
 MOST_EDGES = 8  # of a node, both directions counted once
 AREA_PER_NODE = 1.5  # square metres of reachable area, at least

@@ -14,8 +14,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from mapdeal.errors import MalformedInputError, MapdealError, emit_warning, shown
-from mapdeal.files import json_values, source as sources
-from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
+from mapdeal.files import json_values, source as sources, text as texts
 from mapdeal.grid.frame import FARTHEST, Point, Transform
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.maps.kinds import NUMBERS, POSES, recognised
@@ -95,8 +94,8 @@ def read_poses(path: Path | str) -> Floats:
 
 def has_times(path: Path) -> bool:
     with suppress(MapdealError, OSError), path.open("rb") as file:
-        _, _, line = first_line(file)
-        return len(line.split(delimiter_of(line))) == _TUM
+        _, _, line = texts.first_line(file)
+        return len(line.split(texts.delimiter_of(line))) == _TUM
     return False
 
 
@@ -142,13 +141,13 @@ def _rows_in(path: Path) -> Floats:
     is_pipe = not sources.is_regular(path)  # which may be endless
     most = sources.LONGEST_STREAM if is_pipe else sources.LARGEST_FILE
     file = io.BytesIO(sources.joined(sources.chunks_of(path), limit=most, source=path))
-    number, start, line = first_line(file)
-    delimiter = delimiter_of(line)
+    number, start, line = texts.first_line(file)
+    delimiter = texts.delimiter_of(line)
     width = len(line.split(delimiter))
     if line and width not in (_PLANAR, _TUM):
         rule = "must be x y yaw, or t x y z qx qy qz qw"
         raise MalformedInputError(rule, source=path, place=f"line {number}", got=line)
-    if line and not any(map(is_number, line.split(delimiter))):
+    if line and not any(map(texts.is_number, line.split(delimiter))):
         number += 1  # the names of the columns
     else:
         file.seek(start)
@@ -162,7 +161,7 @@ def read_table(
     file: BinaryIO, path: Path, line: int, delimiter: str | None, width: int, *, total: int = 0
 ) -> Floats | None:
     parts = []
-    for part in read_rows(
+    for part in texts.read_rows(
         file, range(width), path=path, first_line=line, delimiter=delimiter, width=width
     ):
         total += _COPIES * part.nbytes
@@ -231,13 +230,13 @@ class _LineFormat(NamedTuple):
     allows_tum: bool = False
 
     def delimiter(self, text: str) -> str | None:
-        return delimiter_of(text) if self.allows_tum else ","
+        return texts.delimiter_of(text) if self.allows_tum else ","
 
     def is_header(self, text: str) -> bool:
         words = [word.strip(' "') for word in text.lower().split(self.delimiter(text))]
         if self.allows_tum:  # any names count, such as theta for yaw
             is_wide = len(words) in (len(self.names), len(TUM))
-            return is_wide and not _is_json(text) and not any(map(is_number, words))
+            return is_wide and not _is_json(text) and not any(map(texts.is_number, words))
         if self is _PAIR:
             are_names = all(word.isidentifier() for word in words)
             return are_names and len(words) == 4 and not {"nan", "inf", "infinity"} & set(words)
@@ -417,7 +416,7 @@ def _named_point_of(text: str) -> tuple[Point, str | None]:
             raise ValueError
         x, y = _row_of_json(value, _POINT)
         return (x, y), name
-    if "=" not in text and text.count(",") == 2 and not is_number(text.split(",")[0].strip()):
+    if "=" not in text and text.count(",") == 2 and not texts.is_number(text.split(",")[0].strip()):
         text = text.replace(",", "=", 1)
     name, equals, place = text.rpartition("=")
     if equals and (not name.strip() or "," in name):

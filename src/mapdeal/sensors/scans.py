@@ -21,8 +21,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from mapdeal.errors import MalformedInputError, emit_warning
-from mapdeal.files.source import access_to, check_readable, status_of
-from mapdeal.files.text import LONGEST_LINE, delimiter_of, first_line, read_rows
+from mapdeal.files import source, text as texts
 from mapdeal.grid.frame import FARTHEST
 from mapdeal.kernels.arrays import Floats
 from mapdeal.maps import kinds, npz
@@ -92,7 +91,7 @@ class ScanTexts(ScanSource):
     def __init__(self, poses: Path, angles: Path, ranges: Path, *, flip_y: bool = False) -> None:
         self.files, self.named = (poses, angles, ranges), ranges
         for path in self.files:
-            check_readable(path)
+            source.check_readable(path)
         self._poses = read_poses(poses)
         if flip_y:
             self._poses[:, 1] *= -1.0
@@ -106,7 +105,7 @@ class ScanTexts(ScanSource):
             if length not in (0, width):
                 rule = f"must have {width} numbers, one for each angle of {angles}"
                 raise MalformedInputError(rule, source=path, place=f"line {number}", got=length)
-            for rows in read_rows(
+            for rows in texts.read_rows(
                 file, range(width), path=path, first_line=number, delimiter=delimiter, width=width
             ):
                 if start + len(rows) > self.count:
@@ -139,9 +138,9 @@ def _read_angles(path: Path) -> Floats:
 @contextmanager
 def _open_at_numbers(path: Path) -> Iterator[tuple[BinaryIO, int, str | None, int]]:
     """Yield a file at its first line of numbers, and that line's number, delimiter and length."""
-    with access_to(path), path.open("rb") as file:
-        number, start, line = first_line(file)
-        delimiter = delimiter_of(line)
+    with source.access_to(path), path.open("rb") as file:
+        number, start, line = texts.first_line(file)
+        delimiter = texts.delimiter_of(line)
         file.seek(start)
         yield file, number, delimiter, len(line.split(delimiter)) if line else 0
 
@@ -199,7 +198,7 @@ class CarmenLog(ScanSource):
     # RAWLASER1 lines have no pose: the last ODOM line supplies it. Different kinds of lines
     # describe the same scans, so only the most frequent kind with a pose is used.
     def __init__(self, path: Path, *, max_bad: int) -> None:
-        check_readable(path)
+        source.check_readable(path)
         self.files, self.named = (path,), path
         self._start_over(max_bad)
         # split only the beginning, because splitting copies the whole line
@@ -295,11 +294,11 @@ class CarmenLog(ScanSource):
     def _lines(self, tags: tuple[str, ...]) -> Iterator[tuple[int, bytes]]:
         """Yield number and text of the lines that begin with one of the tags."""
         starts = tuple(f"{tag}{blank}".encode() for tag in tags for blank in (" ", "\t"))
-        most = _EXPANSION * status_of(self.named).st_size + LONGEST_LINE
+        most = _EXPANSION * source.status_of(self.named).st_size + texts.LONGEST_LINE
         number = length = 0
         is_start = True
         with self._open() as file:
-            while line := file.readline(LONGEST_LINE):
+            while line := file.readline(texts.LONGEST_LINE):
                 length += len(line) + _SHORT_LINE
                 if length > most:
                     rule = f"the gzip data expand to more than {_EXPANSION} times their size"
@@ -311,7 +310,7 @@ class CarmenLog(ScanSource):
 
     @contextmanager
     def _open(self) -> Iterator[BinaryIO]:
-        with access_to(self.named), self.named.open("rb") as file:
+        with source.access_to(self.named), self.named.open("rb") as file:
             is_compressed = file.read(2) == b"\x1f\x8b"
             file.seek(0)
             if not is_compressed:
