@@ -18,11 +18,9 @@ _TOP_KEY = "rosbag2_bagfile_information"
 _ZSTD_SUFFIXES = (".zstd", ".zst")
 
 _LIMITS = yaml_text.YamlLimits(bytes=1 << 22, nodes=100_000, aliases=1000)
-_STORAGES: dict[str, Callable[[Path], bags.Bag]] = {
-    "sqlite3": sqlite.SqliteBag,
-    "mcap": chunked.McapBag,
-}
-_KINDS: dict[bytes, Callable[[Path], bags.Bag]] = {
+_Opener = Callable[[Path], bags.Bag]
+_STORAGES: dict[str, _Opener] = {"sqlite3": sqlite.SqliteBag, "mcap": chunked.McapBag}
+_KINDS: dict[bytes, _Opener] = {
     b"#ROSBAG V": chunked.Ros1Bag, b"#ROSRECORD V": chunked.Ros1Bag, b"#ROSLOG V": chunked.Ros1Bag,
     chunked.MCAP_MAGIC: chunked.McapBag, sqlite.SQLITE_MAGIC: sqlite.SqliteBag,
 }  # fmt: skip

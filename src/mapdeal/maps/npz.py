@@ -305,14 +305,9 @@ _EVIDENCE: dict[str, type[Any]] = {"log_odds": np.float64, "hits": np.int32, "mi
 
 def write_npz(file: BinaryIO, grid: Grid, *, more: Mapping[str, Array] | None = None) -> None:
     """Write a grid with all its layers and its geometry, and `more` layers that readers ignore."""
-    entries: dict[str, Any] = {
-        "format": FORMAT,
-        "resolution": np.float64(grid.resolution),
-        "origin": np.asarray(grid.origin, dtype=np.float64),
-        **grid.entries(),
-        **(more or {}),
-    }
-    write_arrays(file, entries)
+    resolution, origin = np.float64(grid.resolution), np.asarray(grid.origin, dtype=np.float64)
+    common = {"format": FORMAT, "resolution": resolution, "origin": origin}
+    write_arrays(file, {**common, **grid.entries(), **(more or {})})
 
 
 def write_arrays(file: BinaryIO, entries: Mapping[str, Any]) -> None:
@@ -437,14 +432,13 @@ def _read_potential(reader: NpzReader, resolution: float, origin: Any) -> field.
     names = reader.names()
     weight = "cost_travel_multiplier"
     goal = reader.small("goal", np.float64, (2,)).tolist() if "goal" in names else None
-    has_lengths = "cost_to_go" in reader.names()
     return field.PotentialField(
         reader.layer("repulsive", np.float64), reader.layer("occupancy", np.int8), resolution,
         origin, goal=goal, attractive_gain=reader.number("attractive_gain"),
         repulsive_gain=reader.number("repulsive_gain"),
         repulsive_cap=reader.number("repulsive_cap"),
-        cost_to_go=reader.layer("cost_to_go", np.float64) if has_lengths else None,
-        cost_travel_multiplier=reader.number(weight) if weight in reader.names() else 0.0,
+        cost_to_go=reader.layer("cost_to_go", np.float64) if "cost_to_go" in names else None,
+        cost_travel_multiplier=reader.number(weight) if weight in names else 0.0,
     )  # fmt: skip
 
 

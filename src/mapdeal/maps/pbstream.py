@@ -34,7 +34,6 @@ from mapdeal.kernels.rotations import inverse_matrices, product
 from mapdeal.maps import map_file, map_server
 from mapdeal.maps.dialects import Dialect, MapMetadata, cells_of
 from mapdeal.maps.picture import LARGEST_CELLS, Picture, check_size
-from mapdeal.records import dataclass
 
 _MAGIC = (0x7B1D1F7B5BF501DB).to_bytes(8, "little")
 _RESOLUTION = 0.05  # Cartographer's default
@@ -173,8 +172,7 @@ def _blocks(file: BinaryIO, size: int) -> Iterator[Block]:
         file.seek(sum(block))
 
 
-@dataclass(frozen=True)
-class Submap:  # without its cells
+class Submap(NamedTuple):  # without its cells
     block: Block
     is_finished: bool
     resolution: float
@@ -556,8 +554,7 @@ def _interpolated(wide: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any]) ->
     """Return texels at places in fixed point; those in a border of 2 and beyond it are 0."""
     height, width = wide.shape
     at = np.clip((y >> 16) + 2, 0, height - 2) * width + np.clip((x >> 16) + 2, 0, width - 2)
-    right = ((x >> 9) & (_WEIGHTS - 1)).astype(np.uint32)
-    below = ((y >> 9) & (_WEIGHTS - 1)).astype(np.uint32)
+    right, below = (((place >> 9) & (_WEIGHTS - 1)).astype(np.uint32) for place in (x, y))
     texels = wide.reshape(-1)
     # both halves of a texel stay below 16 bits
     upper = texels[at] * (_WEIGHTS - right) + texels[at + 1] * right

@@ -14,10 +14,9 @@ from pkgutil import iter_modules
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapdeal import planners
-from mapdeal.records import dataclass, field
+from mapdeal import planners, records
+from mapdeal.kernels.arrays import Bytes, Floats
 
 # of a parameter, and its type: ROS 2 refuses values of another one
 Default = bool | int | float | str | tuple[str, ...]
@@ -28,14 +27,14 @@ Reason = Literal[  # the exceptions with which Nav2's planners fail
 ]  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class PlannerGrid:
     """A costmap as Nav2's planners see it. The yaw of its origin is ignored, as there."""
 
-    costs: NDArray[np.uint8]  # Nav2's: 253 inscribed, 254 lethal, 255 unknown
+    costs: Bytes  # Nav2's: 253 inscribed, 254 lethal, 255 unknown
     resolution: float  # metres, rounded to float32 as in the map's message
     origin: tuple[float, float]  # metres
-    footprint: NDArray[np.float64] | None = None  # padded outline, metres; None for round robots
+    footprint: Floats | None = None  # padded outline, metres; None for round robots
 
     def cell_of(self, pose: Pose) -> tuple[int, int] | None:
         """Return row and column as ``worldToMap`` does; None outside of the costmap."""
@@ -49,11 +48,11 @@ class PlannerGrid:
         return (point[0] - west) / self.resolution, (point[1] - south) / self.resolution
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class Plan:
     found: bool
     reason: Reason | None = None  # name of Nav2's exception if there is no plan
-    poses: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 3)))  # x, y, yaw
+    poses: Floats = records.field(default_factory=lambda: np.empty((0, 3)))  # x, y, yaw
     cost: float | None = None  # of the path before it was smoothed, where a planner computes it
     detail: str | None = None  # why the planner failed, where the name leaves that open
     is_reached: bool = False  # by the search, though no plan came of it
@@ -72,7 +71,7 @@ def no_plan(reason: Reason, detail: str | None = None) -> Plan:
     return Plan(found=False, reason=reason, detail=detail)
 
 
-def poses_of(points: NDArray[np.float64], yaw: float | None) -> NDArray[np.float64]:
+def poses_of(points: Floats, yaw: float | None) -> Floats:
     """Return poses of points whose last one has a yaw, that of the last step if it is None."""
     poses = np.zeros((len(points), 3))
     poses[:, : points.shape[1]] = points

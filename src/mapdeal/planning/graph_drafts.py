@@ -158,8 +158,7 @@ class Tracing:
     def __init__(self, squares: Array, step: int, lines: Mask, halls: Mask) -> None:
         self.cells = np.argwhere(lines)
         self.fine = _best_in_blocks(squares, step, self.cells)
-        clearances = np.sqrt(squares[self.fine[:, 0], self.fine[:, 1]])
-        self.clearances: list[float] = clearances.tolist()
+        self.clearances: list[float] = np.sqrt(squares[self.fine[:, 0], self.fine[:, 1]]).tolist()
         self._places: list[list[int]] = self.cells.tolist()
         self.step = step
         self.mouths: set[int] = set()
@@ -383,8 +382,7 @@ def coarse_step(radius: float, resolution: float) -> int:
     return max(1, min(int(radius / resolution / 1.5), int(_COARSEST / resolution)))
 
 
-@dataclass(frozen=True, eq=False)
-class GraphResult:
+class GraphResult(NamedTuple):
     """A graph, and how much of the robot's reach it covers.
 
     Areas are in square metres. `tight` counts edges of a round robot, both directions once, that
@@ -474,8 +472,7 @@ class Draft:
 
     def clearances_at(self, places: Floats) -> Floats:
         rows, cols = np.floor(places).astype(np.int64).T
-        squares = np.maximum(self.squares[rows, cols], 0)
-        return np.asarray(np.sqrt(squares), dtype=np.float64)
+        return np.asarray(np.sqrt(np.maximum(self.squares[rows, cols], 0)), dtype=np.float64)
 
     def parts(self) -> Array:
         ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)

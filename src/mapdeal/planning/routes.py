@@ -39,13 +39,9 @@ class Terrain:
 
     @classmethod
     def of(
-        cls,
-        costmap: Costmap,
-        *,
-        cost_travel_multiplier: float = 2.0,
-        field_weight: float = 0.0,
+        cls, costmap: Costmap, *, cost_travel_multiplier: float = 2.0, field_weight: float = 0.0,
         through_unknown: bool = False,
-    ) -> Terrain:
+    ) -> Terrain:  # fmt: skip
         check_factor("cost_travel_multiplier", cost_travel_multiplier)
         lethal = values.LETHAL_OBSTACLE if costmap.scale == "costmap2d" else values.OCCUPIED
         is_lethal = costmap.cost == lethal
@@ -146,13 +142,9 @@ def surcharges_near_obstacles(terrain: Terrain, heuristic_weight: float) -> Floa
 
 
 def route_over(
-    terrain: Terrain,
-    start: Point,
-    goal: Point,
-    *,
-    weights: Floats | None = None,
+    terrain: Terrain, start: Point, goal: Point, *, weights: Floats | None = None,
     surcharges: Floats | None = None,
-) -> Route:
+) -> Route:  # fmt: skip
     first, last = terrain.open_cell_of(start, "start"), terrain.open_cell_of(goal, "goal")
     searched = terrain.weights if weights is None else weights
     path = paths.cheapest_path(searched, first, last, surcharges=surcharges)
@@ -517,8 +509,7 @@ def cheapest_nodes(graph: RouteGraph, first: int, last: int) -> tuple[list[int],
     lengths = graph.lengths.tolist()
     for edge, (start, end), length in zip(graph.edges, graph.ends.tolist(), lengths, strict=True):
         limit = edge.metadata.get("speed_limit")
-        has_limit = isinstance(limit, int | float) and limit > 0
-        cost = length / limit if has_limit else length
+        cost = length / limit if isinstance(limit, int | float) and limit > 0 else length
         following[start].append((end, cost if edge.overridable else edge.cost))
     best, previous = {first: 0.0}, {first: first}
     heap, expanded = [(0.0, first)], 0
