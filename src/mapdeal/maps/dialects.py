@@ -384,9 +384,8 @@ def _as_stored(picture: Picture) -> tuple[Bytes, Bytes | None]:
         if samples.ndim == 2 and alpha is None:
             samples = np.repeat(samples[..., np.newaxis], 3, axis=2)
         alpha = np.full(picture.shape, 255, dtype=np.uint8) if alpha is None else alpha
-        samples = ((samples.astype(np.int32) * alpha[..., np.newaxis] + 127) // 255).astype(
-            np.uint8
-        )
+        premultiplied = (samples.astype(np.int32) * alpha[..., np.newaxis] + 127) // 255
+        samples = premultiplied.astype(np.uint8)
     return samples, alpha
 
 

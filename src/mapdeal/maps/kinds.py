@@ -21,8 +21,7 @@ from mapdeal import errors, records
 from mapdeal.files import source, text as texts, yaml_text
 from mapdeal.files.json_values import LARGEST_DOCUMENT, document_kind, finite_or_text, read_json
 from mapdeal.grid.values import join_words
-from mapdeal.maps import images, npz
-from mapdeal.maps.formats import FORMATS, MAP_ENDINGS
+from mapdeal.maps import formats, images, npz
 
 MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
 IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git LFS pointer"
@@ -57,7 +56,7 @@ _METADATA = "metadata.yaml"
 _BAG_ENDINGS = (".mcap", ".db3")
 _OTHER_ENDINGS_IN_BAGS = (".zstd", ".db3-wal", ".db3-shm", ".txt")
 _UNKNOWN = "is not a kind of file that mapdeal knows"
-_MAPS_ARE = f"a map is {join_words(entry.name for entry in FORMATS)}"
+_MAPS_ARE = f"a map is {join_words(entry.name for entry in formats.FORMATS)}"
 
 _MAP_USE = "mapdeal info {path} describes it, mapdeal run {path} -o DIR processes it"
 _CLOUD_USE = (
@@ -102,7 +101,7 @@ def readable_kind(path: Path) -> FileKind | None:
 
 
 def is_bag(path: Path) -> bool:
-    if path.suffix.lower() in MAP_ENDINGS and path.name != _METADATA:
+    if path.suffix.lower() in formats.MAP_ENDINGS and path.name != _METADATA:
         return False
     kind = readable_kind(path)
     return kind is not None and kind.name == BAG
@@ -117,7 +116,7 @@ def recognised(path: Path, expected: str, *kinds: str) -> Iterator[None]:
         if str(error.source) != str(path):
             raise
         kind = readable_kind(path)
-        if kind is None and MAP in kinds and path.suffix.lower() not in MAP_ENDINGS:
+        if kind is None and MAP in kinds and path.suffix.lower() not in formats.MAP_ENDINGS:
             error.hint = error.hint or _MAPS_ARE
             if isinstance(error, errors.MalformedInputError):
                 raise errors.MalformedInputError(_UNKNOWN, source=path, hint=_MAPS_ARE) from None
@@ -170,7 +169,7 @@ def _size_of(path: Path) -> int:
 
 
 def _kind_of_map(_: Path, head: bytes) -> FileKind | None:
-    names = (entry.name for entry in FORMATS if entry.magic and head.startswith(entry.magic))
+    names = (form.name for form in formats.FORMATS if form.magic and head.startswith(form.magic))
     return next((FileKind(MAP, name, _MAP_USE) for name in names), None)
 
 

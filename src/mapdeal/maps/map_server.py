@@ -175,7 +175,7 @@ def remark_on_lost(count: int) -> str:
 
 
 bare_geometry: ContextVar[tuple[float, Origin] | None] = ContextVar("geometry", default=None)
-"""Resolution and origin of maps that do not state them, such as images without a YAML file."""
+"""Resolution and origin of images named in place of a YAML file; states use the resolution."""
 
 
 def bare_images(resolution: float, origin: Origin) -> AbstractContextManager[None]:
@@ -332,9 +332,8 @@ def find_image(yaml_path: Path, image: str) -> Path:
             text = f"image: {image} does not exist here; using {name} beside the YAML file"
             warn_of(yaml_path, text, "image.foreign-path")
             return fallback
-    rule, hint = "the image does not exist", _nearest_name(path)
-    if hint is None and fallbacks:
-        hint = _nearest_name(fallbacks[-1])
+    rule = "the image does not exist"
+    hint = next(filter(None, map(_nearest_name, [path, *fallbacks[-1:]])), None)
     raise FileAccessError(rule, source=yaml_path, place="image", got=image, hint=hint)
 
 

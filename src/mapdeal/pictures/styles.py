@@ -219,11 +219,10 @@ def alignment_style(names: tuple[str, str]) -> LayerStyle:
 
 
 def _style_of_kinds(kinds: Sequence[tuple[str, Colour]]) -> LayerStyle:
-    names = [name for name, _ in kinds]
-    swatches = [Swatch(kind, name) for kind, name in enumerate(names)]
+    labels = {kind: name for kind, (name, _) in enumerate(kinds)}
     return LayerStyle(
         colours.palette_of([colour for _, colour in kinds]), by_value=_codes_below(len(kinds)),
-        swatches=tuple(reversed(swatches)), labels=dict(enumerate(names)),
+        swatches=tuple(Swatch(*label) for label in reversed(labels.items())), labels=labels,
     )  # fmt: skip
 
 
