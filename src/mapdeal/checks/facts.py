@@ -11,7 +11,7 @@ from typing import Any, TypeVar, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal import errors
+from mapdeal import errors, records
 from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, add_check
 from mapdeal.files.source import bytes_of_lines, claim, claimed
 from mapdeal.files.yaml_text import Entry, parse_mapping, read_mapping
@@ -28,9 +28,7 @@ from mapdeal.kernels.arrays import Integers, Mask
 from mapdeal.kernels.blocks import blocks_of
 from mapdeal.maps import dialects, formats, images, kinds, map_file, map_server, reading
 from mapdeal.maps.picture import Picture, Strips, opaque_greys
-from mapdeal.records import dataclass, field, replace
-from mapdeal.ros.filters import FilterServers
-from mapdeal.ros.load import ParameterFacts
+from mapdeal.ros import filters, load
 from mapdeal.ros.robot import ParameterValue, RobotParameters
 
 _PIXELS_PER_BAND = 1 << 18  # as colours are widened to 64 bits when they become cells
@@ -261,10 +259,10 @@ def cell_states(counts: Integers) -> dict[str, int]:
     return {"occupied": occupied, "free": free, "unknown": unknown, "between": between}
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class RobotFacts:
     robot: RobotParameters
-    parameters: ParameterFacts
+    parameters: load.ParameterFacts
     sibling: RobotParameters | None = None
     map_frames: tuple[tuple[str, Frame], ...] = ()
 
@@ -287,7 +285,7 @@ _BAND_BYTES = 10_000_000  # of runs in a band, and of the checks' modules
 _ROOM_BYTES = {"compiled": 22, "scipy": 106}  # per cell, at the peak of the search for passages
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class GridFacts:
     """The cells of a map file of any format, as dialect nav2 reads them."""
 
@@ -312,7 +310,7 @@ class GridFacts:
         return sizes, np.append(counts[:-1], counts[-1:] - 1)
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class RoomFacts:
     """The passages of a map that stop a robot, each with a room on both sides."""
 
@@ -326,7 +324,7 @@ class RoomFacts:
         return cls(disconnected(grid, radius, _LEAST_CUT_OFF), radius)
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class MaskFacts:
     pair: PairFacts | None  # None until the mask is written
     mask: OccupancyGrid
@@ -364,13 +362,13 @@ class MaskFacts:
         return reach(after.start if self.start is None else self.start, None), after
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class FilterFacts:
     robot: RobotFacts
-    servers: FilterServers
+    servers: filters.FilterServers
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class PlannerFacts:
     """The parameters of one planner server of Nav2, by their full names, and frames of maps."""
 
@@ -378,7 +376,7 @@ class PlannerFacts:
     map_frames: Sequence[tuple[str, Frame]]
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class PairFacts:
     path: Path
     entries: dict[str, Entry]
@@ -387,7 +385,7 @@ class PairFacts:
     kind: Picture
     pixels: PixelTallies
     frame: Frame
-    comments: list[str] = field(default_factory=list)
+    comments: list[str] = records.field(default_factory=list)
 
     def places_of_greys(self, greys: Iterable[int]) -> list[Point]:
         """Return the positions of the first pixel of each grey in the map frame, metres."""
@@ -496,7 +494,7 @@ def _count_pixels(
                 cells.add(read(part))
     pixels.finish()
     alpha = None if strip.alpha is None else strip.alpha[:0]
-    return replace(strip, samples=strip.samples[:0], alpha=alpha), pixels, cells
+    return records.replace(strip, samples=strip.samples[:0], alpha=alpha), pixels, cells
 
 
 def _finding(name: str, path: Path, text: str, entries: Mapping[str, Entry]) -> Finding:
@@ -517,7 +515,7 @@ def _finding(name: str, path: Path, text: str, entries: Mapping[str, Entry]) -> 
 
 
 _FACTS = (
-    PairFacts, GridFacts, RoomFacts, MaskFacts, ParameterFacts, RobotFacts, FilterFacts,
+    PairFacts, GridFacts, RoomFacts, MaskFacts, load.ParameterFacts, RobotFacts, FilterFacts,
     PlannerFacts,
 )  # fmt: skip
 CheckFunction = TypeVar("CheckFunction", bound=Callable[[Any], Iterator[Remark | str]])

@@ -10,12 +10,11 @@ from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Literal
 
-from mapdeal.compatibility import parse_toml
+from mapdeal import compatibility, records
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, one_line
 from mapdeal.files.source import exists, is_folder, normal_path, read_file
 from mapdeal.files.yaml_text import OF_MAPS, Entry
 from mapdeal.grid.frame import Point
-from mapdeal.records import dataclass
 from mapdeal.ros.robot import ParameterValue
 
 Severity = Literal["error", "warning", "note"]
@@ -23,7 +22,7 @@ _DECIMALS = 9
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Finding:
     """Finding reported by a check.
 
@@ -57,7 +56,7 @@ class Finding:
         return one_line(f"{place}: {self.severity}: {self.check}: {self.message}")
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Remark:
     message: str
     key: str | None = None
@@ -65,7 +64,7 @@ class Remark:
     places: Iterable[Sequence[float]] = ()
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Explanation:
     about: str
     why: str
@@ -83,7 +82,7 @@ def parse_explanation(text: str) -> Explanation:
     return Explanation(*(" ".join(part.split()) for part in match.groups()))
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Check:
     name: str
     severity: Severity
@@ -308,7 +307,7 @@ _NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*")
 _KEYS = ("select", "ignore", "strict")
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class LintConfig:
     source: Path
     table: str
@@ -331,7 +330,7 @@ def find_lint_config(folder: Path) -> LintConfig | None:
 def read_lint_config(path: Path) -> LintConfig | None:
     data = read_file(path, limit=_LARGEST)
     try:
-        document = parse_toml(data.decode("utf-8"))
+        document = compatibility.parse_toml(data.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise MalformedInputError("not UTF-8", source=path, place=f"byte {error.start}") from None
     except (RecursionError, ValueError) as error:  # or numbers of many thousand digits
@@ -386,7 +385,7 @@ def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> tuple[str, ...
 EVERYTHING = "all"
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Selection:
     checks: frozenset[str]
     strict: bool = False

@@ -9,15 +9,11 @@ import numpy as np
 
 from mapdeal.checks.findings import CHECKS, Finding, error_finding
 from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.grid import frame, reach, reaching, values
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import Point
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import reach_radius
-from mapdeal.grid.reaching import largest_closed_square, nearest_marked, squares_to
 from mapdeal.grid.route_graph import RouteGraph, Sweeps, closed_costs
-from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text
-from mapdeal.kernels.arrays import Floats, Mask
-from mapdeal.kernels.components import joined
+from mapdeal.kernels import arrays, components
 from mapdeal.maps.route_graphs import FRAME, read_graph_file
 
 _MOST = 20  # of one check; further ones are summarised
@@ -50,10 +46,10 @@ class _GraphFacts:
     ) -> None:
         self.path, self.graph, self.frame, self.robot = path, graph, grid.frame, robot
         occupancy = np.asarray(grid.occupancy)
-        occupied, unknown = occupancy == OCCUPIED, occupancy == UNKNOWN
-        closed = largest_closed_square(reach_radius(robot), grid.frame)
-        is_open = (squares_to(occupied) > closed) & ~unknown
-        squared = squares_to(occupied | unknown)
+        occupied, unknown = occupancy == values.OCCUPIED, occupancy == values.UNKNOWN
+        closed = reaching.largest_closed_square(reach.reach_radius(robot), grid.frame)
+        is_open = (reaching.squares_to(occupied) > closed) & ~unknown
+        squared = reaching.squares_to(occupied | unknown)
         self.sweeps = Sweeps(is_open, closed_costs(occupied, unknown), squared, grid.frame, robot)
         self.occupied, self.unknown = occupied, unknown
         self.cells, self.inside = grid.frame.bounded_rowcol_from_xy(graph.points_xy)
@@ -88,7 +84,7 @@ class _GraphFacts:
         yield from self._blocked(is_closed)
         yield from self._connections()
 
-    def _point(self, node: int) -> Point:
+    def _point(self, node: int) -> frame.Point:
         x, y = self.graph.points_xy[node].tolist()
         return x, y
 
@@ -104,15 +100,15 @@ class _GraphFacts:
         elif self.unknown[row, col]:
             position = "in unknown space"
         else:
-            distance, radius = self._distance(row, col), reach_radius(self.robot)
+            distance, radius = self._distance(row, col), reach.reach_radius(self.robot)
             position = f"{distance:.3g} m from an obstacle, too near for a radius of {radius:.3g} m"
-        nearest = nearest_marked(self.sweeps.is_open, (row, col))
+        nearest = reaching.nearest_marked(self.sweeps.is_open, (row, col))
         if nearest is None:
             return f"node {number} lies {position}"
         x, y = (self.frame.xy_from_rowcol([nearest])[0].round(3) + 0.0).tolist()
         return f"node {number} lies {position}; the nearest open cell is at {x:.10g},{y:.10g}"
 
-    def _blocked(self, is_closed: Mask) -> Iterator[Finding]:
+    def _blocked(self, is_closed: arrays.Mask) -> Iterator[Finding]:
         graph = self.graph
         ends = self.graph.ends
         candidates = np.flatnonzero(~is_closed[ends].any(axis=1))
@@ -136,7 +132,7 @@ class _GraphFacts:
             text += "put a node beside it and lead the edge around, or remove it"
             yield self.finding("edge-blocked", text, [(x, y)])
 
-    def _reason(self, place: Floats) -> str:
+    def _reason(self, place: arrays.Floats) -> str:
         row, col = np.clip(np.floor(place).astype(np.int64), 0, np.array(self.frame.shape) - 1)
         if self.occupied[row, col]:
             return " (an obstacle)"
@@ -153,7 +149,7 @@ class _GraphFacts:
 
         ends = self.graph.ends
         count = len(self.graph.nodes)
-        weak = joined(count, ends[:, 0], ends[:, 1])[0]
+        weak = components.joined(count, ends[:, 0], ends[:, 1])[0]
         sizes = np.bincount(weak, minlength=count)
         largest = int(sizes.argmax())
         for part in np.flatnonzero(sizes).tolist():
@@ -177,4 +173,4 @@ class _GraphFacts:
 
     def _ids(self, nodes: Sequence[int]) -> str:
         ids = ", ".join(str(self.graph.nodes[node].id) for node in nodes[:5])
-        return f"{count_text(len(nodes), 'node')} ({ids}{', ...' * (len(nodes) > 5)})"
+        return f"{values.count_text(len(nodes), 'node')} ({ids}{', ...' * (len(nodes) > 5)})"

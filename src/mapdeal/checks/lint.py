@@ -18,7 +18,8 @@ from textwrap import TextWrapper
 from typing import Any, Literal, overload
 from urllib.parse import quote_from_bytes
 
-from mapdeal import errors as mapdeal_errors
+from mapdeal import command, errors as mapdeal_errors, records
+from mapdeal.checks import map_checks, mask_checks, parameter_checks  # noqa: F401 - adds checks
 from mapdeal.checks.facts import MaskFacts, RoomFacts, gather, gather_rooms
 from mapdeal.checks.findings import (
     CHECKS,
@@ -30,17 +31,11 @@ from mapdeal.checks.findings import (
     findings_on,
     read_ignored_names,
 )
-from mapdeal.checks.map_checks import lint_run
-from mapdeal.checks.mask_checks import filter_topic as _  # noqa: F401 - adds its checks
-from mapdeal.checks.parameter_checks import lint_parameters
-from mapdeal.command import Result
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
 from mapdeal.files.json_values import point_document
 from mapdeal.files.source import absolute_path, is_folder, normal_path
-from mapdeal.grid.frame import Frame
-from mapdeal.grid.values import OneLineRepr, count_text
+from mapdeal.grid import frame, values
 from mapdeal.maps.formats import format_of
-from mapdeal.records import asdict, dataclass
 from mapdeal.ros.robot import CostmapName
 
 LEFT_OUT = "lint.left-out"
@@ -51,7 +46,7 @@ def lint_file(
     path: Path, *, max_cells: int | None = None, radius: float | None = None
 ) -> list[Finding]:
     if is_folder(path):
-        return lint_run(path)
+        return map_checks.lint_run(path)
     pair, cells, findings = gather(path, max_cells=max_cells)
     path = path if pair is None else pair.path
     facts_by_type: dict[type, Any] = {type(facts): facts for facts in (pair, cells) if facts}
@@ -74,7 +69,7 @@ def checks_of(facts: type) -> list[str]:
     return [check.name for check in CHECKS.values() if check.facts is facts]
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Findings:
     findings: tuple[Finding, ...]  # in a file, before a selection is applied
     ignored_names: tuple[str, ...] = ()  # in its comments
@@ -98,10 +93,10 @@ def not_checked(path: Path, text: str) -> Findings:
 
 def check_parameters(
     paths: Sequence[Path], costmap: CostmapName | None, namespace: str | None,
-    map_frames: Sequence[tuple[str, Frame]],
+    map_frames: Sequence[tuple[str, frame.Frame]],
 ) -> dict[Path, Findings]:  # fmt: skip
     try:
-        by_file = lint_parameters(paths, costmap, namespace, map_frames)
+        by_file = parameter_checks.lint_parameters(paths, costmap, namespace, map_frames)
     except FileAccessError as error:
         faulty = Path(error.source) if error.source is not None else paths[-1]
         by_file = {path: [error_finding(error, faulty)] if path == faulty else [] for path in paths}
@@ -114,8 +109,8 @@ def check_parameters(
 ReportForm = Literal["text", "json", "github", "sarif", "junit"]
 
 
-@dataclass(frozen=True, repr=False)
-class MapReport(OneLineRepr):
+@records.dataclass(frozen=True, repr=False)
+class MapReport(values.OneLineRepr):
     """Findings in one map, in the folder of a run, or in a robot's parameter file.
 
     Parameters
@@ -151,7 +146,7 @@ class MapReport(OneLineRepr):
         """Return its entry in what ``mapdeal lint --format json`` prints."""
         findings = []
         for finding in self.findings:
-            fields = asdict(finding) | {"places": list(map(point_document, finding.places))}
+            fields = records.asdict(finding) | {"places": list(map(point_document, finding.places))}
             findings.append({k: v for k, v in fields.items() if k != "file" or v != self.file})
         entry = {"file": self.file, "findings": findings, "suppressed": self.suppressed}
         return {**entry, "repairs": list(self.repairs)} if self.repairs else entry
@@ -163,8 +158,8 @@ class MapReport(OneLineRepr):
         return tuple(finding for finding in self.findings if finding.severity in failing)
 
 
-@dataclass(frozen=True, repr=False)
-class LintReport(Result, Sequence[Finding]):
+@records.dataclass(frozen=True, repr=False)
+class LintReport(command.Result, Sequence[Finding]):
     """Findings in one or more maps, as a sequence, map by map.
 
     A report without findings is empty and therefore false.
@@ -234,9 +229,9 @@ class LintReport(Result, Sequence[Finding]):
         folders = sum(report.is_folder for report in self.maps)
         files = sum(report.is_parameters for report in self.maps)
         maps = len(self.maps) - folders - files
-        kinds = [count_text(files, "parameter file")] if files else []
-        kinds += [count_text(maps, "map")] if maps or not (folders or files) else []
-        kinds += [count_text(folders, "folder")] if folders else []
+        kinds = [values.count_text(files, "parameter file")] if files else []
+        kinds += [values.count_text(maps, "map")] if maps or not (folders or files) else []
+        kinds += [values.count_text(folders, "folder")] if folders else []
         parts = [counts_text(self.counts, self.suppressed)]
         repaired = sum(bool(report.repairs) for report in self.maps)
         if repaired:
@@ -278,7 +273,7 @@ class LintReport(Result, Sequence[Finding]):
         if self.explained:
             checks = [
                 {"check": c.name, "severity": c.severity, "on_request": c.on_request}
-                | asdict(c.explanation)
+                | records.asdict(c.explanation)
                 for c in self.explained
             ]
             return {"checks": checks}
@@ -321,7 +316,7 @@ def counts_of(findings: Iterable[Finding]) -> dict[str, int]:
 
 
 def counts_text(counts: Mapping[str, int], suppressed: int) -> str:
-    parts = [count_text(count, severity) for severity, count in counts.items()]
+    parts = [values.count_text(count, severity) for severity, count in counts.items()]
     return ", ".join([*parts, *([f"{suppressed} suppressed"] if suppressed else [])])
 
 

@@ -21,8 +21,7 @@ from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_tex
 from mapdeal.kernels import distance, lookup
 from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.components import Labels, labelled
-from mapdeal.ros.filters import topic_of
-from mapdeal.ros.robot import ListedLayer
+from mapdeal.ros import filters, robot
 
 _TOLERANCE = 1e-6  # metres, and radians
 _LEAST_AREA = 1.0  # m2 that a zone must cut off to be reported
@@ -251,20 +250,20 @@ def filter_topic(facts: FilterFacts) -> Iterator[Remark]:
     Fix: Write the same topic in both places.
     """
     servers = facts.servers
-    published = {topic_of(server.info_topic) for server in servers.info}
+    published = {filters.topic_of(server.info_topic) for server in servers.info}
     for listed in _filters(facts):
         value = facts.robot.value(listed.name, "filter_info_topic")
         if value is None:
             text = f"{listed.name} has no filter_info_topic; Nav2 does not start"
             yield Remark(text, at=facts.robot.value(listed.name, "plugin"))
-        elif published and topic_of(value.value) not in published:
+        elif published and filters.topic_of(value.value) not in published:
             topics = ", ".join(sorted(published))
             text = f"{listed.name} waits for {value.value}, and the servers here publish {topics}"
             yield Remark(text, at=value)
-    masks = {topic_of(topic) for topic in servers.mask_topics}
+    masks = {filters.topic_of(topic) for topic in servers.mask_topics}
     for server in servers.info:
         topic = server.get("mask_topic", "filter_mask")
-        if masks and topic_of(topic) not in masks:
+        if masks and filters.topic_of(topic) not in masks:
             text = f"{server.name} names the mask {topic}, which no map server here publishes"
             yield Remark(text, at=server.values["mask_topic"])
 
@@ -279,7 +278,7 @@ def filter_type(facts: FilterFacts) -> Iterator[Remark]:
     pairs = [(listed, server) for listed in _filters(facts) for server in facts.servers.info]
     for listed, server in pairs:
         value = facts.robot.value(listed.name, "filter_info_topic")
-        if value is None or topic_of(value.value) != topic_of(server.info_topic):
+        if value is None or filters.topic_of(value.value) != filters.topic_of(server.info_topic):
             continue
         plugin = listed.plugin.rpartition(":")[2]
         types, kind = _TYPES_OF_PLUGIN.get(plugin), server.get("type", 0)
@@ -307,7 +306,7 @@ def filter_lifecycle(facts: FilterFacts) -> Iterator[Remark]:
             yield Remark(f"{name} is in no node_names: it stays unconfigured", at=server.first)
 
 
-def _filters(facts: FilterFacts) -> Iterator[ListedLayer]:
+def _filters(facts: FilterFacts) -> Iterator[robot.ListedLayer]:
     for listed in facts.robot.robot.layers:
         if listed.is_enabled and listed.plugin.rpartition(":")[2] in _TYPES_OF_PLUGIN:
             yield listed

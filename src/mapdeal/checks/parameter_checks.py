@@ -18,15 +18,14 @@ from typing import Any
 
 import numpy as np
 
+from mapdeal import errors, records
 from mapdeal.checks.facts import FilterFacts, PlannerFacts, RobotFacts, check
 from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks, findings_on
 from mapdeal.checks.plugin_checks import planner_facts
-from mapdeal.errors import MalformedInputError, MapdealError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import NO_INFORMATION, few_text
 from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
-from mapdeal.records import dataclass, replace
 from mapdeal.ros import filters, load, planners, ros2_files
 from mapdeal.ros.robot import INJECTED, CostmapName, Flavour, Problem, RobotParameters
 
@@ -610,7 +609,7 @@ _ABOUT_FILES = ("params.syntax", "params.one-level", _OTHER_KIND, *_ABSENT)
 """Findings about a whole file, or with the costmap's node in their text."""
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class _Costmap:
     name: CostmapName
     robot: RobotParameters | None  # None if the files are unusable
@@ -653,7 +652,7 @@ def _planner_findings(
     default_file = str(paths[-1])
     for problem in planners.planners_of(robot)[1] if robot is not None else ():
         yield finding_of(problem, default_file)
-    with suppress(MalformedInputError):  # reported with the costmaps
+    with suppress(errors.MalformedInputError):  # reported with the costmaps
         for facts in planner_facts(ros2_files.read_ros2(paths), map_frames):
             yield from findings_on({PlannerFacts: facts}, default_file)
 
@@ -671,7 +670,7 @@ def _with_costmap_names(by_costmap: Mapping[CostmapName, Sequence[Finding]]) -> 
             if is_clear or not (name == "local" or is_ambiguous):
                 yield finding
             else:
-                yield replace(finding, message=f"{name} costmap: {finding.message}")
+                yield records.replace(finding, message=f"{name} costmap: {finding.message}")
 
 
 def first_robot(
@@ -679,7 +678,7 @@ def first_robot(
 ) -> RobotParameters | None:
     names: Sequence[CostmapName] = ("global", "local") if costmap is None else (costmap,)
     for name in names:
-        with suppress(MapdealError):
+        with suppress(errors.MapdealError):
             robot, *_ = load.load_robot(paths, costmap=name, namespace=namespace)
             if robot is not None:
                 return robot

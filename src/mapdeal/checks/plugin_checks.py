@@ -17,8 +17,7 @@ from mapdeal.checks.findings import Remark
 from mapdeal.grid.frame import Frame
 from mapdeal.layers.catalogue import class_name
 from mapdeal.layers.obstacle import ObservationSource, Sensing, VoxelLayer
-from mapdeal.ros import load, planners, ros2_files
-from mapdeal.ros.robot import ListedLayer, ParameterValue
+from mapdeal.ros import load, planners, robot, ros2_files
 
 _RENAMED = {
     "obstacle_range": ("obstacle_max_range", 2.5), "raytrace_range": ("raytrace_max_range", 3.0)
@@ -28,20 +27,20 @@ _OBSTACLE_LAYERS = ("ObstacleLayer", "VoxelLayer")
 _USUAL_RESOLUTION = 0.05  # metres; used without a map
 
 
-def _sensing_layers(facts: RobotFacts) -> Iterator[tuple[ListedLayer, Sensing]]:
+def _sensing_layers(facts: RobotFacts) -> Iterator[tuple[robot.ListedLayer, Sensing]]:
     for listed in facts.robot.layers:
         if isinstance(listed.sensing, Sensing) and listed.is_enabled:
             yield listed, listed.sensing
 
 
-def _sources(facts: RobotFacts) -> Iterator[tuple[ListedLayer, ObservationSource]]:
+def _sources(facts: RobotFacts) -> Iterator[tuple[robot.ListedLayer, ObservationSource]]:
     for listed, sensing in _sensing_layers(facts):
         yield from ((listed, source) for source in sensing.sources)
 
 
 def _setting_of(
-    facts: RobotFacts, listed: ListedLayer, source: str, *names: str
-) -> ParameterValue | None:
+    facts: RobotFacts, listed: robot.ListedLayer, source: str, *names: str
+) -> robot.ParameterValue | None:
     """Return the parameter that sets a source's value, or the list of sources."""
     for name in names:
         for path in ((listed.name, source, name), (source, name), (listed.name, name), (name,)):
@@ -50,7 +49,7 @@ def _setting_of(
     return facts.of_layer(listed.name, "observation_sources")
 
 
-def _has_section(facts: RobotFacts, listed: ListedLayer, source: ObservationSource) -> bool:
+def _has_section(facts: RobotFacts, listed: robot.ListedLayer, source: ObservationSource) -> bool:
     sections = ((listed.name, source.name), (source.name,))
     return any(path[: len(s)] == s for path in facts.parameters.values for s in sections)
 

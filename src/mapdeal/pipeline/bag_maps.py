@@ -27,8 +27,7 @@ from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.rotations import from_yaw, rotated
 from mapdeal.mapping.evidence import FARTHEST_POSE, Stances, beams_in_plane, stances
 from mapdeal.mapping.transforms import FrameOptions, Pose, Posed, TransformTree
-from mapdeal.pipeline import local
-from mapdeal.pipeline.inputs import errors_named
+from mapdeal.pipeline import inputs, local
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
 from mapdeal.records import dataclass, replace
 from mapdeal.sensors.points import read_trajectory
@@ -271,7 +270,7 @@ class SensorFrames:
         found = Posed(np.empty((len(every), 3)), np.empty((len(every), 4)), every < 0)
         for frame in dict.fromkeys(frames):  # each asked for its poses once
             ours = np.repeat([own == frame for own in frames], counts)
-            with errors_named(self._bag.path):
+            with inputs.errors_named(self._bag.path):
                 posed = self.tree.lookup(self._fixed, frame, every[ours])
                 if (np.abs(posed.translations[posed.known]) > FARTHEST_POSE).any():
                     rule = f"{frame} is farther than {FARTHEST_POSE:g} m from {self._fixed}"
@@ -506,7 +505,7 @@ class BagClouds:
     def _mount(self, sensor: str, time: int) -> tuple[Floats, Floats]:
         times = np.array([time], np.int64)
         base = self._base or sensor
-        with errors_named(self.bag.path):
+        with inputs.errors_named(self.bag.path):
             posed = self._frames.tree.lookup(base, sensor, times)
         if not posed.known.all():
             rule = f"where {sensor} stands on {base} is not known at {time} ns"

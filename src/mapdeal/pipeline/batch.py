@@ -12,9 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, TypeVar
 
-from mapdeal import errors
-from mapdeal.command import Result
-from mapdeal.compatibility import Self
+from mapdeal import command, compatibility, errors, records
 from mapdeal.files.source import exists, ignores_case, is_same_file, size_text, sums_of_reads
 from mapdeal.files.transaction import Transaction, make_folder
 from mapdeal.grid.values import count_text, table_lines
@@ -24,14 +22,13 @@ from mapdeal.pipeline.inputs import MemoryPlan, Terminal, memory_budget, need_of
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import LocalOfRun, RunReport, cells_text, output_folder, run_map
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass, replace
 
 SUMMARY = "summary.json"
 _MOST_PER_PROCESSOR, _LEAST_CAP = 4, 8
 _LONGEST_REASON = 100
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Job:
     path: Path
     folder: Path
@@ -41,7 +38,7 @@ class Job:
     error: errors.MapdealError | None = None  # why there is no map to run
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Outcome:
     result: Any
     warnings: tuple[str, ...] = ()
@@ -66,28 +63,28 @@ class Outcome:
         return {**document, "warnings": texts} if texts else document
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class BatchWork:
     """Work on each map of a batch with its settings, sent to workers and called with a job."""
 
     settings: Settings
 
-    def sharing(self, jobs: int) -> Self:
+    def sharing(self, jobs: int) -> compatibility.Self:
         """Return a copy limited to a job's share of threads and memory, unless these were set."""
         if jobs == 1:
             return self
         threads = self.settings.threads or max(1, available_threads() // jobs)
-        shared = replace(self, settings=replace(self.settings, threads=threads))
+        shared = records.replace(self, settings=records.replace(self.settings, threads=threads))
         return shared.within(memory_budget(self.settings.max_memory, jobs))
 
-    def within(self, memory: int | None) -> Self:
+    def within(self, memory: int | None) -> compatibility.Self:
         if memory is None or self.settings.max_memory is not None:
             return self
-        settings = replace(self.settings, max_memory=memory, memory_is_chosen=False)
-        return replace(self, settings=settings)
+        settings = records.replace(self.settings, max_memory=memory, memory_is_chosen=False)
+        return records.replace(self, settings=settings)
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class MapRun(BatchWork):
     recipe: Recipe
     around: LocalOfRun | None = None
@@ -95,7 +92,7 @@ class MapRun(BatchWork):
     def __call__(self, job: Job) -> RunReport:
         if job.error is not None:
             raise job.error
-        settings = replace(self.settings, force=self.settings.force or job.is_new)
+        settings = records.replace(self.settings, force=self.settings.force or job.is_new)
         with settings.reading(anew=True), errors.strict_warnings(settings.strict, job.path):
             return run_map(job.path, job.folder, self.recipe, settings, self.around)
 
@@ -163,7 +160,7 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
     return in_order
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Plan:
     job: Job
     status: Literal["new", "replace", "unchanged", "refused", "failed"]
@@ -232,8 +229,8 @@ def plan_of(job: Job, run: MapRun) -> Plan:
     return Plan(job, "replace" if existing else "new", *size, need, files, outputs)
 
 
-@dataclass(frozen=True, repr=False)
-class Plans(Result):
+@records.dataclass(frozen=True, repr=False)
+class Plans(command.Result):
     plans: Sequence[Plan]
     at_once: int | None  # number of jobs, None on a cluster
     also_written: Sequence[Path]
@@ -349,8 +346,8 @@ def _outcome_of(future: Future[Outcome], job: Job) -> Outcome | None:
         return Outcome(internal_error(job, problem))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Batch(Result):
+@records.dataclass(frozen=True, eq=False, repr=False)
+class Batch(command.Result):
     noun: ClassVar[str] = "map"
     is_brief: ClassVar[bool] = False  # only the first line of a job is printed, warnings unchanged
     resuming: ClassVar[str] = "run the same command to continue"
@@ -405,7 +402,7 @@ B = TypeVar("B", bound=Batch)
 
 
 def run_all(
-    jobs: Sequence[Job], output: Path, run_job: Callable[[Job], Result],
+    jobs: Sequence[Job], output: Path, run_job: Callable[[Job], command.Result],
     on_done: Callable[[Job, Outcome], None], kind: type[B], *, workers: Workers | None = None,
 ) -> B:  # fmt: skip
     marked: dict[int, Job] = {}
@@ -414,7 +411,7 @@ def run_all(
 
     def job_of(index: int) -> Job:
         if index not in marked:  # a retry finds the folder of the first attempt
-            marked[index] = replace(jobs[index], is_new=not exists(jobs[index].folder))
+            marked[index] = records.replace(jobs[index], is_new=not exists(jobs[index].folder))
         return marked[index]
 
     def record(index: int, outcome: Outcome) -> None:
@@ -448,7 +445,7 @@ def run_all(
 
 
 def run_and_report(
-    jobs: Sequence[Job], output: Path, run_job: Callable[[Job], Result], kind: type[B],
+    jobs: Sequence[Job], output: Path, run_job: Callable[[Job], command.Result], kind: type[B],
     terminal: Terminal, *, workers: Workers | None = None,
 ) -> B:  # fmt: skip
     hint = f"{output / SUMMARY} has them all"

@@ -15,8 +15,7 @@ from typing import Any, BinaryIO, ClassVar, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal import errors
-from mapdeal.command import NO_OBSTACLE, Result
+from mapdeal import command, errors, records, version
 from mapdeal.files import json_values, yaml_text
 from mapdeal.files.source import YAML, access_to, exists, holds, is_same_file, real_path, status_of
 from mapdeal.files.transaction import OpenOutput, PutRows, RowsWriter, Transaction
@@ -27,21 +26,15 @@ from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import GoalReach, Passage, Reach
 from mapdeal.grid.values import count_text, decimal_text, few_text, join_words
-from mapdeal.kernels.blocks import blocks_of, gathered, made_by_rows, report_rows
-from mapdeal.kernels.lookup import histogram
-from mapdeal.maps import png, reading
-from mapdeal.maps.dialects import Mode
+from mapdeal.kernels import blocks, lookup
+from mapdeal.maps import dialects, map_server, png, reading
 from mapdeal.maps.formats import named, output_format, written_endings
-from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import NPZ, Grid, write_npy
-from mapdeal.pictures import layers
-from mapdeal.pictures.canvas import Image
+from mapdeal.pictures import canvas, layers
 from mapdeal.pictures.overlay import KnownLines, Overlay, Overlays, RobotOverlay
 from mapdeal.pipeline.settings import Settings, collected_from, passes_reported, portable, renamed
 from mapdeal.pipeline.step import Step
-from mapdeal.records import dataclass, field
 from mapdeal.stages.catalogue import models_of
-from mapdeal.version import __version__
 
 _SHOWN = 3  # names and changes in a text
 _DEEPEST = 3  # mappings in mappings whose entries are listed one by one
@@ -53,7 +46,7 @@ _SHOWN_AS = {"between": "values 1..99", "graded": "intermediate"}
 def remark_on(step: Step, figures: Figures, steps: Sequence[Step]) -> str | None:
     """Return the remark on the product of one of several steps; without obstacles that of costs."""
     remark = step.remark_on(figures)
-    is_repeated = remark == f"{step.name}: {NO_OBSTACLE}" and step.name != "cost"
+    is_repeated = remark == f"{step.name}: {command.NO_OBSTACLE}" and step.name != "cost"
     return None if is_repeated and "cost" in [each.name for each in steps] else remark
 
 
@@ -151,7 +144,7 @@ def one_pass(transaction: Transaction, grid: Grid) -> Iterator[Grid]:
         return
     rows = _Pass(grid.layer)
     with transaction.together(rows.write_all):
-        yield grid.with_layer(made_by_rows(grid.layer, grid.layer.dtype, rows.handed_on))
+        yield grid.with_layer(blocks.made_by_rows(grid.layer, grid.layer.dtype, rows.handed_on))
 
 
 class _Pass:
@@ -175,7 +168,7 @@ class _Pass:
                     finishes.append((path, finish))
                 else:
                     writer(file)
-        for block in blocks_of(self._layer):
+        for block in blocks.blocks_of(self._layer):
             if block.stop > self._next:
                 self._hand_on(slice(self._next, block.stop))
         for path, finish in finishes:
@@ -190,7 +183,7 @@ class _Pass:
             with access_to(path, "written"):
                 put_rows(rows)
         self._next = rows.stop
-        report_rows(self._layer, rows)
+        blocks.report_rows(self._layer, rows)
 
 
 def rounded(value: float) -> float | None:
@@ -210,7 +203,7 @@ def spread_json(document: Mapping[str, Any], *spread: str) -> str:
     return "{\n" + ",\n".join(lines) + "\n}"
 
 
-class Spread(Result):
+class Spread(command.Result):
     """A result whose document is written in parts, each as soon as it is computed."""
 
     spread: ClassVar[Sequence[str]] = ()  # keys of lists with one item a line
@@ -282,17 +275,17 @@ PICTURE = ".png"
 _FARTHEST = 100.0  # metres: larger radii are not drawn
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class GridFiles:
     metavar: str
     about: str
     endings: tuple[str, ...]
     in_folder: tuple[str, ...]
-    draw: Callable[..., Image]
+    draw: Callable[..., canvas.Image]
     drawing: type[layers.Drawing] | None = None
 
 
-def _reach_image(grid: Reach, **options: Any) -> Image:
+def _reach_image(grid: Reach, **options: Any) -> canvas.Image:
     from mapdeal.pictures.reach import reach_image
 
     return reach_image(grid, **options)
@@ -350,7 +343,7 @@ def output_of(step: Step, output: Path) -> list[Path]:
 
 def write_product(
     transaction: Transaction, output: Path, grid: Grid, step: Step, *, pass_grid: Grid,
-    encoding: Encoding = "occupancy",
+    encoding: map_server.Encoding = "occupancy",
 ) -> None:  # fmt: skip
     # Within a pass; `pass_grid` is the grid from `one_pass`.
     if isinstance(pass_grid, DistanceField) and output.suffix == ".npy":
@@ -367,7 +360,7 @@ def write_product(
         text = spread_json(reach_document(grid), "goals", "passages")
         transaction.write_bytes(output, f"{text}\n".encode())
     elif isinstance(grid, DistanceField) and not output_format(output).can_hold(DistanceField):
-        mode: Mode | None = "raw" if output_format(output).images else None
+        mode: dialects.Mode | None = "raw" if output_format(output).images else None
         reading.write_grid(transaction, output, step.view_of(grid), mode=mode)
     else:
         written = pass_grid if output_format(output).requests_rows else grid
@@ -392,11 +385,11 @@ def write_picture(
     transaction.write(path, RowsWriter(grid.layer, begin))
 
 
-def write_image(transaction: Transaction, path: Path, draw: Callable[[], Image]) -> None:
+def write_image(transaction: Transaction, path: Path, draw: Callable[[], canvas.Image]) -> None:
     transaction.write(path, lambda file: _encode(file, draw()))
 
 
-def _encode(file: BinaryIO, image: Image) -> None:
+def _encode(file: BinaryIO, image: canvas.Image) -> None:
     png.write_png(file, image.indices, image.palette)
 
 
@@ -418,16 +411,16 @@ MANIFEST, INPUT_PICTURE = "manifest.json", "input.png"
 _FORMAT = "mapdeal-run/1"
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Product:
     step: Step
     grid: Grid
-    figures: Figures = field(default_factory=dict)
+    figures: Figures = records.field(default_factory=dict)
     mask: str | None = None  # the name of a keepout mask that has been laid over it
     overlay: Overlay | None = None
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class OutputFolder:
     path: Path
     steps: tuple[Step, ...]
@@ -495,7 +488,7 @@ class OutputFolder:
             step, grid = product.step, product.grid
             if shows_known and isinstance(grid, (OccupancyGrid, Costmap)) and grid.is_lazy:
                 # one pass finds the box of known cells and the counts of the figures
-                gathered(grid.layer, histogram, KnownLines(grid.unknown_value))
+                blocks.gathered(grid.layer, lookup.histogram, KnownLines(grid.unknown_value))
             figures[step.name] = {**grid.figures(), **product.figures}
             if remark := remark_on(step, figures[step.name], self.steps):
                 texts.append(f"{filling.subject}: {remark}")
@@ -524,7 +517,7 @@ class OutputFolder:
     def _manifest(self) -> dict[str, Any]:
         return {
             "format": _FORMAT,
-            "version": __version__,
+            "version": version.__version__,
             "inputs": dict(self.inputs),
             "options": dict(self.options),
             **({} if self.robot is None else {"robot": dict(self.robot)}),
@@ -545,7 +538,7 @@ class OutputFolder:
         return [self.path / f"{step.stage.product}{ending}" for ending in endings]
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Filling:
     folder: OutputFolder
     products: Iterable[Product]

@@ -14,7 +14,7 @@ from typing import Annotated, Any, NamedTuple, Protocol, TypedDict, TypeVar, cas
 
 import numpy as np
 
-from mapdeal.command import OnlyInPython, grid_hint, is_plain, parameters_of
+from mapdeal import command, records
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning, one_line
 from mapdeal.files import source as sources
@@ -25,16 +25,13 @@ from mapdeal.grid.field import FieldView, PotentialField
 from mapdeal.grid.frame import Framed, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
-from mapdeal.kernels import arrays, lookup
+from mapdeal.kernels import arrays, engine, lookup
 from mapdeal.kernels.blocks import CacheBudget, counts_of, lazy_layer, swept
-from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import tables_claimed, thread_count, use_threads
-from mapdeal.maps.dialects import Dialect
-from mapdeal.maps.npz import Grid
+from mapdeal.maps import dialects, npz
 from mapdeal.maps.reading import MapFile, Source, as_occupancy, open_map
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Canvas, ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
-from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import apply_keepout_mask
 
@@ -69,7 +66,7 @@ def bytes_in_memory(
     products = sum(step.memory for step in steps)
     if canvas == "full":
         products *= 1 + _CANVAS_SHARE
-    per_cell = _DEMANDS[engine_name()].per_cell + _BYTES_PER_CELL_READ + products
+    per_cell = _DEMANDS[engine.engine_name()].per_cell + _BYTES_PER_CELL_READ + products
     libraries = max((step.stage.of_library for step in steps), default=0)
     working = _base_bytes(shape, image_max) + libraries + int(per_cell * shape[0] * shape[1])
     working += _bytes_to_measure(shape) if steps else 0
@@ -78,7 +75,7 @@ def bytes_in_memory(
 
 def bytes_to_read(reading_bytes: int) -> int:
     """Estimate the process memory while reading a map; `reading_bytes` is what the reader needs."""
-    return _DEMANDS[engine_name()].base + reading_bytes
+    return _DEMANDS[engine.engine_name()].base + reading_bytes
 
 
 def _bytes_to_measure(shape: tuple[int, int]) -> int:
@@ -88,7 +85,7 @@ def _bytes_to_measure(shape: tuple[int, int]) -> int:
 
 
 def _base_bytes(shape: tuple[int, int], image_max: int | None) -> int:
-    base = _DEMANDS[engine_name()].base + sources.bytes_of_lines(shape, _BYTES_PER_LINE)
+    base = _DEMANDS[engine.engine_name()].base + sources.bytes_of_lines(shape, _BYTES_PER_LINE)
     if image_max is None:
         return base
     height, width = shape
@@ -110,7 +107,7 @@ def opened_map(
         work = bytes_in_memory(shape, steps, image_max, canvas=settings.canvas) - bytes_to_read(0)
         cells = f"{shape[1]} x {shape[0]} cells"
         stack.enter_context(tables_claimed(lambda n: sources.claim(path, work + n, what=cells)))
-        yield replace(source, sums=file.sums_by_name(sums) if with_sums else {})
+        yield records.replace(source, sums=file.sums_by_name(sums) if with_sums else {})
 
 
 def _read(file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: Canvas) -> Source:
@@ -133,7 +130,7 @@ def _read(file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: C
     layer = lazy_layer(
         shape, np.int8, lambda rows: values[rows], block_height=blocks.height, budget=blocks.cache
     )
-    return replace(source, grid=grid.with_values(layer))
+    return records.replace(source, grid=grid.with_values(layer))
 
 
 class BlockPlan(NamedTuple):
@@ -165,7 +162,7 @@ def _plan_memory(
 def check_fits(
     path: Path | str, shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
 ) -> None:
-    count = bytes_in_memory(shape, steps, image_max) - _DEMANDS[engine_name()].base
+    count = bytes_in_memory(shape, steps, image_max) - _DEMANDS[engine.engine_name()].base
     sources.claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
 
 
@@ -190,7 +187,7 @@ def claiming_work(
     return sources.claimed(path, needed, what=f"{width} x {height} cells")
 
 
-def claim_step(path: Path, grid: Grid, step: Step) -> None:
+def claim_step(path: Path, grid: npz.Grid, step: Step) -> None:
     if grid.is_lazy:
         return
     if step.stage.cells is None or not step.moves:
@@ -236,7 +233,7 @@ def _block_plan(
     if any(step.stage.is_whole(step.parameters) for step in steps):
         raise _too_large(path, shape, needed, budget)
     height, width = shape
-    per_row = _DEMANDS[engine_name()].per_block_cell * width * (thread_count() + 1)
+    per_row = _DEMANDS[engine.engine_name()].per_block_cell * width * (thread_count() + 1)
 
     def height_limits(free_bytes: int) -> tuple[int, int]:
         """Return the fewest and most rows: blocks may take half of the bytes, runs a quarter."""
@@ -274,7 +271,7 @@ def opened_input(path: Path, settings: Settings) -> Iterator[MapFile]:
 
 def read_input(path: Path, settings: Settings, *, with_sums: bool = False) -> Source:
     with sources.sums_of_reads(is_wanted=with_sums) as sums, opened_input(path, settings) as file:
-        return replace(file.read(), sums=file.sums_by_name(sums) if with_sums else {})
+        return records.replace(file.read(), sums=file.sums_by_name(sums) if with_sums else {})
 
 
 def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
@@ -287,16 +284,16 @@ def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
 
 
 _ENDINGS_OF_FILES = (".yaml", ".yml", ".npz", ".pgm", ".pbm", ".png", ".html", ".json")
-Map = str | PathLike[str] | Grid
+Map = str | PathLike[str] | npz.Grid
 
 
 class Reading(TypedDict, total=False):
-    dialect: Dialect
+    dialect: dialects.Dialect
     max_cells: int | None
     max_memory: int | None
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class MapInput(Source):
     """A map that a command works on; without files if it was given as a grid."""
 
@@ -357,7 +354,7 @@ class Work:
         return self._transaction
 
 
-InShell = Annotated[Work, OnlyInPython]  # which the shell passes to commands
+InShell = Annotated[Work, command.OnlyInPython]  # which the shell passes to commands
 
 
 def settings_of(**reading: Unpack[Reading]) -> Settings:
@@ -391,13 +388,13 @@ def open_inputs(
 ) -> list[MapInput]:
     work, settings = Work.current.get(), settings_of(**reading)
     for source, name in zip(maps, names, strict=True):
-        if not isinstance(source, str | PathLike | Grid):
-            hint = grid_hint(source)
+        if not isinstance(source, str | PathLike | npz.Grid):
+            hint = command.grid_hint(source)
             raise ParameterError("must be a file or a grid", place=name, got=source, hint=hint)
     paths = [Path(source) for source in maps if isinstance(source, str | PathLike)]
     files_read = map(map_input, read_together(paths, settings), paths, repeat(settings))
     opened = [
-        MapInput(source, (), name=name, settings=settings) if isinstance(source, Grid)
+        MapInput(source, (), name=name, settings=settings) if isinstance(source, npz.Grid)
         else next(files_read) for source, name in zip(maps, names, strict=True)
     ]  # fmt: skip
     if work is not None:
@@ -413,12 +410,12 @@ def sums_of(path: Path, settings: Settings) -> dict[str, str]:
 AnyMask = TypeVar("AnyMask")  # a keepout mask, its grid or its file
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class KeepoutMask:
     grid: OccupancyGrid
     path: Path | str = "the mask"
     files: tuple[Path, ...] = ()
-    sums: Mapping[str, str] = field(default_factory=dict)
+    sums: Mapping[str, str] = records.field(default_factory=dict)
 
     def document(self) -> dict[str, Any] | None:
         return {"file": str(self.path), "sha256": dict(self.sums)} if self.files else None
@@ -427,7 +424,7 @@ class KeepoutMask:
         with errors_named(self.path):
             return apply_keepout_mask(costs, self.grid)
 
-    def costs_of(self, step: Step, grid: Grid, path: Path | None) -> tuple[Costmap, Costmap]:
+    def costs_of(self, step: Step, grid: npz.Grid, path: Path | None) -> tuple[Costmap, Costmap]:
         """Return the costs that a step makes of a grid without the mask, and those with it."""
         unmasked = cast("Costmap", step.apply(grid, path))
         if not step.accepts_mask:
@@ -464,7 +461,7 @@ def refuse(rule: str, hint: str | None = None, /, **values: object) -> None:
 
 
 def pop_parameters(values: dict[str, Any], kind: Any) -> dict[str, Any]:
-    return {name: values.pop(name) for name in parameters_of(kind) if name in values}
+    return {name: values.pop(name) for name in command.parameters_of(kind) if name in values}
 
 
 def transform_of(value: object, *, place: str | None = None) -> Transform | None:
@@ -481,7 +478,7 @@ def numbers_of(
     """Return numbers that may be given as text, as many as a form such as ``X,Y`` has."""
     count = form.count(",") + 1
     try:
-        if isinstance(value, str) and not is_plain(value):
+        if isinstance(value, str) and not command.is_plain(value):
             raise ValueError
         numbers = tuple(map(float, value.split(",") if isinstance(value, str) else value))
         if len(numbers) != count:

@@ -10,23 +10,17 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
-from mapdeal import errors
-from mapdeal.command import Stage
-from mapdeal.files import source as sources
-from mapdeal.files.json_values import encode_json
-from mapdeal.grid.canvas import frames_overlap
-from mapdeal.grid.frame import MOST_CELLS, Figures, cells_to_cover
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
+from mapdeal import command, errors
+from mapdeal.files import json_values, source as sources
+from mapdeal.grid import canvas, frame, occupancy, values
 from mapdeal.kernels.arrays import Floats
 from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions, RollingMapper, local_map
 from mapdeal.mapping.transforms import Pose
 from mapdeal.maps import listing, reading
 from mapdeal.pictures.overlay import PoseOverlay
+from mapdeal.pipeline import inputs, run
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product
-from mapdeal.pipeline.inputs import bytes_of, check_fits, errors_named, read_input
 from mapdeal.pipeline.recipe import Recipe
-from mapdeal.pipeline.run import LOCAL_RECIPE, RunReport, fill, products_of
 from mapdeal.pipeline.settings import Settings, adding_warnings
 from mapdeal.pipeline.step import Step
 from mapdeal.records import asdict, dataclass, replace
@@ -78,7 +72,7 @@ class FileCloud(Cloud):
 Keep = int | Literal["all"]
 OF_WINDOWS = ("size", "resolution", "unknown")  # the `LocalOptions` that apply without a cloud
 _DIGITS = 4
-_LOCAL = Stage(  # before the recipe: its input is a cloud, so recipes cannot list it
+_LOCAL = command.Stage(  # before the recipe: its input is a cloud, so recipes cannot list it
     local_map, name="local", summary="Make maps around a robot from point clouds.",
     title=lambda _: "local map", memory=12.0,
 )  # fmt: skip
@@ -86,7 +80,7 @@ _LOCAL = Stage(  # before the recipe: its input is a cloud, so recipes cannot li
 
 @dataclass(frozen=True)
 class GlobalMap:
-    grid: OccupancyGrid
+    grid: occupancy.OccupancyGrid
     files: tuple[Path, ...]
     sums: Mapping[str, str]
     warnings: Sequence[str] = ()
@@ -105,7 +99,7 @@ class LocalCommon:
     def lethal_threshold(self) -> int:
         """Least occupancy of an obstacle of the global map: that of the first stage with one."""
         thresholds = (step.parameters.get("lethal_threshold") for step in self.recipe.steps)
-        return next((int(v) for v in thresholds if v is not None), DEFAULT_LETHAL_THRESHOLD)
+        return next((int(v) for v in thresholds if v is not None), values.DEFAULT_LETHAL_THRESHOLD)
 
 
 @dataclass(frozen=True)
@@ -126,19 +120,19 @@ class LocalJob:
 def read_global_map(path: Path, settings: Settings) -> GlobalMap:
     texts: list[str] = []
     with adding_warnings(texts):
-        source = read_input(path, settings, with_sums=True)
+        source = inputs.read_input(path, settings, with_sums=True)
         grid = reading.as_occupancy(source.grid, path)
     return GlobalMap(grid, source.files, source.sums, texts)
 
 
-def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> RunReport:
+def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> run.RunReport:
     with common.settings.reading(), holding_map(common.global_map):
         filling = local_filling(job, common)
-    return fill(job.source(common), [filling], common.settings, skip=skip)[0]
+    return run.fill(job.source(common), [filling], common.settings, skip=skip)[0]
 
 
 def holding_map(known: GlobalMap | None) -> AbstractContextManager[None]:
-    return sources.holding(0 if known is None else bytes_of(known.grid))
+    return sources.holding(0 if known is None else inputs.bytes_of(known.grid))
 
 
 def local_filling(job: LocalJob, common: LocalCommon) -> Filling:
@@ -151,7 +145,7 @@ def local_filling(job: LocalJob, common: LocalCommon) -> Filling:
 
     def make() -> LocalMap:
         if summed is not None:
-            with errors_named(summed.cloud.path):
+            with inputs.errors_named(summed.cloud.path):
                 for points in summed.points():
                     mapper.add(points)
         return mapper.result()
@@ -190,10 +184,10 @@ def local_folder(
 
 def check_window(source: Path, common: LocalCommon) -> None:
     options = common.options
-    width, height = (cells_to_cover(length, options.resolution) for length in options.size)
-    if height * width <= MOST_CELLS:
+    width, height = (frame.cells_to_cover(length, options.resolution) for length in options.size)
+    if height * width <= frame.MOST_CELLS:
         steps = (Step(_LOCAL, {}), *common.recipe.steps)
-        check_fits(source, (height, width), steps, common.settings.picture_size)
+        inputs.check_fits(source, (height, width), steps, common.settings.picture_size)
 
 
 def _products(
@@ -202,13 +196,13 @@ def _products(
     local, known, source = make(), common.global_map, job.source(common)
     if job.cloud is not None:
         _check_points(local, job.cloud.path, required=common.require_points)
-    if known is not None and not frames_overlap(local.grid.frame, known.grid.frame):
+    if known is not None and not canvas.frames_overlap(local.grid.frame, known.grid.frame):
         window = "the window around {:.10g}, {:.10g}".format(*local.pose[:2])
         errors.emit_warning(f"{known.files[0]}: the map does not reach into {window}")
     yield Product(first, local.grid, _figures_of(local, job, common))
-    for product in products_of(common.recipe, local.grid, source):
+    for product in run.products_of(common.recipe, local.grid, source):
         grid = product.grid
-        if product.step.stage.robot is not None and isinstance(grid, OccupancyGrid):
+        if product.step.stage.robot is not None and isinstance(grid, occupancy.OccupancyGrid):
             (cell,), (inside,) = grid.frame.bounded_rowcol_from_xy([local.pose[:2]])
             if inside and grid.occupied()[tuple(cell)]:
                 text = f"{source}: the robot's own cell is an obstacle once inflated"
@@ -234,8 +228,8 @@ def _check_points(local: LocalMap, cloud: Path, *, required: bool) -> None:
     errors.emit_warning(f"{cloud}: no point marks a cell: {why}")
 
 
-def _figures_of(local: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:
-    figures: Figures = {"pose": list(local.pose)}
+def _figures_of(local: LocalMap, job: LocalJob, common: LocalCommon) -> frame.Figures:
+    figures: frame.Figures = {"pose": list(local.pose)}
     if job.cloud is not None:
         first, last = local.angles or (None, None)
         figures |= {**asdict(local.counts), "angle_min": first, "angle_max": last}
@@ -323,7 +317,7 @@ class RollingRun:
             sources.claim(source, _PER_CELL * most.cells, what=f"{cells} to remember", hint=hint)
         self._summed: dict[int, SummedCloud] = {}  # those that can be read
 
-    def __call__(self, index: int) -> RunReport:
+    def __call__(self, index: int) -> run.RunReport:
         """Make the map of a cloud; each is asked for after those before it, once."""
         job = self._jobs[index]
         if job.cloud is None:
@@ -335,12 +329,12 @@ class RollingRun:
             [*([None] if cloud is None else (*cloud.sums.values(), *cloud.options.values())), *pose]
             for cloud, pose in zip(before, self._mapper.poses[first:index], strict=True)
         ]
-        before_it = {"clouds_before": sha256(encode_json(parts)).hexdigest()}
+        before_it = {"clouds_before": sha256(json_values.encode_json(parts)).hexdigest()}
         make = partial(self._make_map, index, before.count(None))
         pose = self._mapper.poses[index]
         filling = filling_of(job, pose, summed, self._common, make, before_it)
         self._summed[index] = summed
-        return fill(self._cloud(index), [filling], self._common.settings)[0]
+        return run.fill(self._cloud(index), [filling], self._common.settings)[0]
 
     def _cloud(self, index: int) -> Path:
         return self._jobs[index].source(self._common)
@@ -361,7 +355,7 @@ class RollingRun:
 
     def _add(self, turn: int) -> None:
         try:
-            with errors_named(self._cloud(turn)):
+            with inputs.errors_named(self._cloud(turn)):
                 self._mapper.add_in_parts(self._summed[turn].points())
         except errors.MapdealError:
             del self._summed[turn]
@@ -389,7 +383,7 @@ class Around:
         common = self._common(settings, known.grid.resolution, known)
         cloud = None if self.cloud is None else FileCloud.of(self.cloud)
         with holding_map(None if known.grid.is_lazy else known):
-            return local_filling(LocalJob(cloud, self.pose, folder / LOCAL_RECIPE), common)
+            return local_filling(LocalJob(cloud, self.pose, folder / run.LOCAL_RECIPE), common)
 
     def folder(
         self, folder: Path, sums: Mapping[str, str], resolution: float, settings: Settings
@@ -397,7 +391,7 @@ class Around:
         cloud = {} if self.cloud is None else {self.cloud.name: sources.sha256_of(self.cloud)}
         common = self._common(settings, resolution)
         check_window(self.cloud or folder, common)
-        target = folder / LOCAL_RECIPE
+        target = folder / run.LOCAL_RECIPE
         return local_folder(target, self.pose, {**cloud, **sums}, common, has_map=True)
 
     def _common(

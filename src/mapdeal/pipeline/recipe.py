@@ -12,22 +12,19 @@ from typing import Annotated, Any, get_args
 import numpy as np
 import yaml
 
-from mapdeal.command import Stage, Words, unknown_name
+from mapdeal import command, records
 from mapdeal.errors import MalformedInputError, ParameterError, as_known, emit_warning
 from mapdeal.files.source import YAML, exists
 from mapdeal.files.yaml_text import OF_RECIPES, Entry, parse_value, read_mapping
+from mapdeal.grid import frame, occupancy
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import View
 from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
-from mapdeal.grid.frame import Framed
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OneLineRepr, check_choice
 from mapdeal.layers.stack import CostmapLayers
+from mapdeal.maps import kinds, npz
 from mapdeal.maps.dialects import Dialect
-from mapdeal.maps.kinds import RECIPE, kind_of, other_kind, recognised
-from mapdeal.maps.npz import Grid
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.records import dataclass
 from mapdeal.ros.robot import CostmapName, RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.structured import layers_with
@@ -49,9 +46,9 @@ def setting_words() -> Iterable[str]:
     return words
 
 
-RecipeName = Annotated[str | None, Words("NAME|FILE", completed=lambda: BUILT_IN)]
+RecipeName = Annotated[str | None, command.Words("NAME|FILE", completed=lambda: BUILT_IN)]
 Changes = Annotated[
-    list[str] | None, Words("STAGE.PARAMETER=VALUE", name="set", completed=setting_words)
+    list[str] | None, command.Words("STAGE.PARAMETER=VALUE", name="set", completed=setting_words)
 ]
 
 
@@ -86,7 +83,7 @@ def read_recipe_file(path: Path, name: str) -> Draft:
         entries = _entries_in(path)
         for key, entry in entries.items():
             if key != "stages":
-                error = unknown_name("key", key, ["stages"])
+                error = command.unknown_name("key", key, ["stages"])
                 error.hint = _LOOKS if models_of(as_known(key, STAGE_NAMES)) else error.hint
                 raise _at(entry, error, name)
         if not entries:
@@ -109,16 +106,16 @@ def read_recipe_file(path: Path, name: str) -> Draft:
 
 
 def _entries_in(path: Path) -> dict[str, Entry]:
-    with recognised(path, "a recipe", RECIPE):
+    with kinds.recognised(path, "a recipe", kinds.RECIPE):
         try:
             entries = read_mapping(path, OF_RECIPES)
         except MalformedInputError as error:
             if error.place is None:  # no mapping: an empty file, or stages without their key
                 error.hint = error.hint or _LOOKS
             raise
-    kind = None if "stages" in entries else kind_of(path)
+    kind = None if "stages" in entries else kinds.kind_of(path)
     if kind is not None:
-        raise other_kind(path, kind, "a recipe")
+        raise kinds.other_kind(path, kind, "a recipe")
     return entries
 
 
@@ -144,7 +141,7 @@ def _stage_of(item: Entry, name: str) -> tuple[str, StageValues]:
 
 def _check_place(item: Entry, added: str, before: Sequence[str], name: str) -> None:
     if not models_of(added):
-        raise _at(item, unknown_name("stage", added, STAGE_NAMES), name)
+        raise _at(item, command.unknown_name("stage", added, STAGE_NAMES), name)
     if added in before:
         raise _at(item, ParameterError("a stage can run once", place=added), name)
     *earlier, own = (next(iter(models_of(stage_name).values())) for stage_name in (*before, added))
@@ -171,7 +168,7 @@ def draft_for(layers: CostmapLayers) -> Draft:
     return draft
 
 
-def _model_of(name: str, model: object) -> Stage | None:
+def _model_of(name: str, model: object) -> command.Stage | None:
     return models_of(name).get(model if isinstance(model, str) else None)
 
 
@@ -229,13 +226,13 @@ def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
     threshold = max(layers.static_layers[-1].lethal_cost_threshold, 1)
     of_map = {} if threshold == DEFAULT_LETHAL_THRESHOLD else {"lethal_threshold": threshold}
     of_all = {} if layers.keeps_unknown else {"through_unknown": True}
-    works_on: type[Any] = OccupancyGrid
+    works_on: type[Any] = occupancy.OccupancyGrid
     for name, values in draft.items():
         stage = next(iter(models_of(name).values()))
         if stage.passes_output_on:
             works_on = stage.product_type
         elif stage.robot is not None:
-            rules = {**of_all, **(of_map if works_on is OccupancyGrid else {})}
+            rules = {**of_all, **(of_map if works_on is occupancy.OccupancyGrid else {})}
             new = {k: v for k, v in rules.items() if k in stage.parameters and k not in values}
             values.set_values(new)
 
@@ -261,7 +258,7 @@ DEFAULT = "default"
 SET = "--set"  # what errors call a change that is given as text
 
 
-@dataclass(frozen=True, repr=False)
+@records.dataclass(frozen=True, repr=False)
 class Recipe(OneLineRepr):
     """Checked sequence of stages with their parameters.
 
@@ -426,11 +423,11 @@ def _read_draft(name: str) -> Draft:
         return {stage: StageValues(values) for stage, values in draft.items()}
     path = Path(name)
     if path.suffix not in YAML and not exists(path):
-        raise unknown_name("recipe", name, BUILT_IN)
+        raise command.unknown_name("recipe", name, BUILT_IN)
     return read_recipe_file(path, name)
 
 
-def _stage_in(name: str, values: StageValues) -> Stage:
+def _stage_in(name: str, values: StageValues) -> command.Stage:
     """Return the stage of an item, in the model that it asks for; an unknown one fails later."""
     return _model_of(name, values.get("model")) or next(iter(models_of(name).values()))
 
@@ -452,7 +449,7 @@ def _adapt_to_footprint(
     # After a stage that grows obstacles by the shape, a later stage would apply it twice. Costs
     # still distinguish obstacles from the cells around them. Side stages, which pass nothing on,
     # get the shape `of_planner`: a circle if the robot's own files define it as round.
-    shaped: Stage | None = None
+    shaped: command.Stage | None = None
     grown, is_used = False, False
     for stage_name, values in draft.items():
         stage = _stage_in(stage_name, values)
@@ -509,7 +506,7 @@ def _apply_change(
         raise ParameterError(rule, source=option, got=target, hint=_hint_for(draft, target))
     if (values := draft.get(stage)) is None:
         if not models_of(stage):
-            raise unknown_name("stage", stage, STAGE_NAMES, place=option)
+            raise command.unknown_name("stage", stage, STAGE_NAMES, place=option)
         rule = f"recipe {name} has no stage {stage}"
         hint = f"its stages are {', '.join(draft)}"
         raise ParameterError(rule, source=option, got=setting, hint=hint)
@@ -615,7 +612,7 @@ def read_robot_parameters(
 
 
 def cost_curve(
-    cells: Grid | float, *, model: str | None = None, footprint: FootprintLike | None = None,
+    cells: npz.Grid | float, *, model: str | None = None, footprint: FootprintLike | None = None,
     robot: RobotParameters | None = None, **parameters: Any,
 ) -> CostCurve:  # fmt: skip
     """Return the costs of a cost model by distance from the nearest obstacle.
@@ -658,8 +655,8 @@ def cost_curve(
             rule = "per-map is scaled by the extremes of a map"
             hint = "give a map instead of the side of its cells"
             raise ParameterError(rule, place="view", hint=hint)
-        cells = OccupancyGrid(np.zeros((1, 1), dtype=np.int8), float(cells))
-    if not isinstance(cells, Framed):
+        cells = occupancy.OccupancyGrid(np.zeros((1, 1), dtype=np.int8), float(cells))
+    if not isinstance(cells, frame.Framed):
         raise ParameterError("must be a grid, or a length in metres", place="cells", got=cells)
     values = {**({} if model is None else {"model": model}), **parameters}
     shape = shape_of(footprint)

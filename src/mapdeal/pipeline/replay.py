@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal import command, records
 from mapdeal.bags import messages
 from mapdeal.bags.bag import Bag, normalised_topic
-from mapdeal.bags.messages import Decoder
-from mapdeal.command import Stage
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import claim, sha256_of
 from mapdeal.grid.costmap import Costmap
@@ -28,14 +27,11 @@ from mapdeal.layers import obstacle
 from mapdeal.layers.layer import Bounds, LiveLayer, LivePlace, MasterGrid, Update, Window
 from mapdeal.layers.stack import cells_below, covered_cells
 from mapdeal.mapping.transforms import FrameOptions, Pose, Quaternion, Rigid
-from mapdeal.pipeline.bag_maps import SensorFrames
+from mapdeal.pipeline import bag_maps, inputs, run
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product
-from mapdeal.pipeline.inputs import errors_named
 from mapdeal.pipeline.local import GlobalMap
-from mapdeal.pipeline.run import RunReport, fill
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
-from mapdeal.records import dataclass
 from mapdeal.ros.robot import INJECTED, RobotParameters
 
 Points = NDArray[np.float32]
@@ -44,14 +40,14 @@ _PER_POINT = 400  # bytes for each point of a cloud: its rays are computed toget
 _TYPES = {"LaserScan": messages.LASER_SCAN, "PointCloud2": messages.POINT_CLOUD}
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class RawCloud:
     frame: str
     time: int
     points: Points  # in the sensor's frame, shape (N, 3)
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class RawScan:
     frame: str
     time: int
@@ -204,7 +200,7 @@ class LiveCostmap:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class Delivery:
     grid: obstacle.ObstacleGrid
     layer: str
@@ -213,7 +209,7 @@ class Delivery:
     rigid: Rigid
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class ReplayStep:
     number: int  # of the message after which the costmap was updated
     time: int
@@ -250,8 +246,8 @@ class BagReplay:
         self._index = bag.index(list(self._types))
         if not len(self._index):
             raise bag.malformed("holds no messages", ", ".join(self.sources))
-        self._decoder = Decoder(bag)
-        self._frames = SensorFrames(bag, FrameOptions(), is_exact=True)
+        self._decoder = messages.Decoder(bag)
+        self._frames = bag_maps.SensorFrames(bag, FrameOptions(), is_exact=True)
         self._projectors = {name: ScanProjector() for name in self.layers}
         self._without_transform = self._updates = self.time = 0
         self._readings: Counter[tuple[str, obstacle.ObservationSource]] = Counter()
@@ -375,7 +371,7 @@ class BagReplay:
 
     def _lookup(self, frame: str, time: int, fixed: str | None = None) -> Rigid | None:
         fixed = fixed or self.area.global_frame
-        with errors_named(self.bag.path):
+        with inputs.errors_named(self.bag.path):
             return self._frames.tree.tf2_lookup(fixed, frame, time, in_seconds=self.place.is_ros1)
 
     def _map_to_costmap(self, time: int) -> Pose | None:
@@ -392,14 +388,14 @@ def costs_after(replay: BagReplay, *, messages: int) -> Costmap:
     return replay.costs()
 
 
-_REPLAY = Stage(
+_REPLAY = command.Stage(
     costs_after, name="replay", product="cost", summary="Replay a robot's costmap from a bag.",
     title=lambda parameters: f"costs after {parameters['messages']} messages", memory=0.0,
 )  # fmt: skip
 
 
-@dataclass(frozen=True, repr=False)
-class ReplayReport(RunReport):
+@records.dataclass(frozen=True, repr=False)
+class ReplayReport(run.RunReport):
     why: tuple[str, ...] = ()  # the history of a cell
 
     def document(self) -> dict[str, Any]:
@@ -615,6 +611,6 @@ def write_replay(
     files = (*bag.files, *robot.paths, *(known.files if known else ()))
     warnings = (*robot.remarks, *(known.warnings if known else ()))
     filling = Filling(target, products(), bag.path.stem, files, bag.path, warnings=warnings)
-    report = fill(bag.path, [filling], settings, skip=False)[0]
+    report = run.fill(bag.path, [filling], settings, skip=False)[0]
     why = () if replay.watch is None else tuple(replay.watch.lines())
     return ReplayReport(report.folder, report.status, report.figures, report.source, why=why)

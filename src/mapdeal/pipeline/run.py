@@ -12,16 +12,15 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from mapdeal.command import Result, grid_hint
+from mapdeal import command, records
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import encode_json
 from mapdeal.files.transaction import Transaction
+from mapdeal.grid import occupancy, values
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.footprint import FootprintLike
 from mapdeal.grid.frame import Figures, Frame, Framed
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import count_text
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps import formats, reading
 from mapdeal.maps.map_server import Encoding
@@ -36,7 +35,6 @@ from mapdeal.pipeline.settings import (
     passes_reported,
 )
 from mapdeal.pipeline.step import Step, grid_of
-from mapdeal.records import dataclass, replace
 from mapdeal.ros.robot import CostmapName, RobotParameters
 
 _LEAST_COLUMN = 8
@@ -44,8 +42,8 @@ _ALL_AROUND = 2 * math.pi - 0.1  # radians from which on a cloud counts as cover
 LOCAL_RECIPE = "local"  # the recipe for local maps, and the folder of the one that a run makes
 
 
-@dataclass(frozen=True, repr=False)
-class RunReport(Result):
+@records.dataclass(frozen=True, repr=False)
+class RunReport(command.Result):
     """Report of a run.
 
     Parameters
@@ -121,7 +119,7 @@ def _summary_of_local(local: Figures) -> str:
     if "from_map" in local:
         parts.append(f"{local['from_map']} cells from the map")
     if "clouds" in local:
-        clouds = count_text(local["clouds"], "cloud")
+        clouds = values.count_text(local["clouds"], "cloud")
         parts.append(f"of {clouds}, {local['from_earlier']} cells from earlier ones")
     if local.get("angle_min") is not None:
         around = local["angle_max"] - local["angle_min"] > _ALL_AROUND
@@ -175,7 +173,7 @@ def apply_recipe(
     grid: Grid, recipe: recipes.RecipeLike = recipes.DEFAULT,
     changes: Mapping[str, object] | Sequence[str] | None = None, *,
     footprint: FootprintLike | None = None, sim: bool = False, canvas: Canvas = "crop",
-    mask: OccupancyGrid | None = None, robot_radius: float | None = None,
+    mask: occupancy.OccupancyGrid | None = None, robot_radius: float | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Apply a recipe to a grid in memory; the counterpart of `run` without files.
 
@@ -217,7 +215,7 @@ def apply_recipe(
     (['esdf', 'cost'], [[254, 110, 24]])
     """
     if not isinstance(grid, Grid):
-        rule, hint = "takes a grid", grid_hint(grid)
+        rule, hint = "takes a grid", command.grid_hint(grid)
         raise ParameterError(rule, place="apply_recipe", got=grid, hint=hint)
     canvas = Settings(canvas=canvas).canvas
     loaded = recipes.load_recipe(
@@ -238,7 +236,7 @@ def costmap(
     robot: RobotParameters | str | PathLike[str] | Sequence[str | PathLike[str]] | None = None, *,
     robot_radius: float | None = None, footprint: FootprintLike | None = None,
     costmap: CostmapName = "global", namespace: str | None = None,
-    mask: OccupancyGrid | None = None, inflation_radius: float | None = None,
+    mask: occupancy.OccupancyGrid | None = None, inflation_radius: float | None = None,
     cost_scaling_factor: float | None = None,
 ) -> Costmap:  # fmt: skip
     """Compute the costmap that a robot has of a map.
@@ -284,7 +282,7 @@ def costmap(
     grid = reading.read_map(map) if isinstance(map, str | PathLike) else map
     if not isinstance(grid, Grid):
         rule = "takes a grid or its file"
-        raise ParameterError(rule, place="costmap", got=map, hint=grid_hint(map))
+        raise ParameterError(rule, place="costmap", got=map, hint=command.grid_hint(map))
     own = {"inflation_radius": inflation_radius, "cost_scaling_factor": cost_scaling_factor}
     changes = {f"cost.{name}": value for name, value in own.items() if value is not None}
     if changes and robot is not None:
@@ -333,7 +331,7 @@ def run_map(
         )  # fmt: skip
         local_fillings = [around.filling(folder, source, settings, texts)] if around else []
         run, *local = fill(path, [filling, *local_fillings], settings)
-        return replace(run, local=local[0]) if local else run
+        return records.replace(run, local=local[0]) if local else run
 
 
 def fill(
@@ -383,8 +381,8 @@ def used_mask(recipe: recipes.Recipe, mask: inputs.AnyMask) -> inputs.AnyMask | 
     return inputs.used_mask(mask, recipe.robot)
 
 
-@dataclass(frozen=True, repr=False)
-class SingleResult(Result):
+@records.dataclass(frozen=True, repr=False)
+class SingleResult(command.Result):
     source: Path
     output: Path
     step: Step

@@ -11,8 +11,7 @@ from typing import Any, Literal, TypeVar
 
 from mapdeal.errors import ParameterError, collect_warnings, one_line
 from mapdeal.files.source import use_memory
-from mapdeal.grid.frame import Origin, check_origin, check_resolution
-from mapdeal.grid.values import check_choice
+from mapdeal.grid import frame, values
 from mapdeal.kernels.blocks import rows_reported
 from mapdeal.maps import dialects, map_server
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
@@ -33,7 +32,7 @@ class Settings:
     dialect: dialects.Dialect = "nav2"
     max_cells: int | None = None
     resolution: float | None = None  # of an image that is read without its YAML file
-    origin: Origin = (0.0, 0.0, 0.0)
+    origin: frame.Origin = (0.0, 0.0, 0.0)
     force: bool = False
     threads: int | None = None
     max_memory: int | None = None
@@ -48,12 +47,12 @@ class Settings:
     memory_is_chosen: bool = True
 
     def __post_init__(self) -> None:
-        check_choice(self.dialect, dialects.Dialect, "dialect")
-        check_choice(self.canvas, Canvas, "canvas")
-        check_choice(self.image_extent, ImageExtent, "image_extent")
+        values.check_choice(self.dialect, dialects.Dialect, "dialect")
+        values.check_choice(self.canvas, Canvas, "canvas")
+        values.check_choice(self.image_extent, ImageExtent, "image_extent")
         if self.resolution is not None:
-            object.__setattr__(self, "resolution", check_resolution(self.resolution))
-        object.__setattr__(self, "origin", check_origin(self.origin))
+            object.__setattr__(self, "resolution", frame.check_resolution(self.resolution))
+        object.__setattr__(self, "origin", frame.check_origin(self.origin))
         for name, least in (("max_cells", 1), ("threads", 1), ("max_memory", 1), ("image_max", 0)):
             value = getattr(self, name)
             if value is not None and not (is_whole(value) and value >= least):

@@ -10,20 +10,15 @@ from typing import Any
 from mapdeal.command import Stage, accept_parameters, unknown_name, unknown_parameter
 from mapdeal.errors import MapdealError, ParameterError, emit_warning
 from mapdeal.files.source import room, size_text
-from mapdeal.grid.canvas import FieldGrid
-from mapdeal.grid.costmap import CostCurve
+from mapdeal.grid import canvas, costmap, frame, reach
 from mapdeal.grid.field import DistanceField, FieldView
-from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import Goal
 from mapdeal.kernels.blocks import activity
 from mapdeal.layers.stack import CostmapArea
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import as_occupancy
 from mapdeal.records import asdict, dataclass, field
-from mapdeal.stages.catalogue import STAGE_NAMES, models_of
-from mapdeal.stages.esdf import field_view
-from mapdeal.stages.structured import described_goals
+from mapdeal.stages import catalogue, esdf, structured
 
 
 @dataclass(frozen=True)
@@ -79,9 +74,9 @@ class Step:
         except MapdealError as error:
             raise error if source is None else error.found_in(source) from None
 
-    def curve_on(self, grid: Grid) -> CostCurve | None:
+    def curve_on(self, grid: Grid) -> costmap.CostCurve | None:
         accepted = self.input_of(grid)
-        box = accepted.cropped if isinstance(accepted, FieldGrid) else accepted
+        box = accepted.cropped if isinstance(accepted, canvas.FieldGrid) else accepted
         return self.stage.curve(box, self.parameters)
 
     def no_curve(self) -> ParameterError:
@@ -92,12 +87,12 @@ class Step:
         kind = DistanceField if isinstance(grid, FieldView) else type(grid)
         return grid if kind in self.stage.takes else as_occupancy(grid, source or "the input")
 
-    def remark_on(self, figures: Figures) -> str | None:
+    def remark_on(self, figures: frame.Figures) -> str | None:
         text = self.stage.remark({**self.parameters, **self.view}, figures)
         return None if text is None else f"{self.name}: {text}"
 
     def view_of(self, product: DistanceField) -> OccupancyGrid:
-        view: OccupancyGrid = (self.stage.view or field_view)(product, **self.view)
+        view: OccupancyGrid = (self.stage.view or esdf.field_view)(product, **self.view)
         return view
 
     def described(self) -> dict[str, Any]:
@@ -112,9 +107,9 @@ def grid_of(result: Any) -> Grid:
 
 
 def make_step(name: str, values: Mapping[str, object]) -> Step:
-    models = models_of(name)
+    models = catalogue.models_of(name)
     if not models:
-        raise unknown_name("stage", name, STAGE_NAMES)
+        raise unknown_name("stage", name, catalogue.STAGE_NAMES)
     stage, values = _in_model(name, models, dict(values))
     for key in values:
         if key not in stage.parameters:
@@ -165,6 +160,6 @@ def _plain(value: Any) -> Any:
         return {key: _plain(field) for key, field in asdict(value).items()}
     if hasattr(value, "described"):
         return value.described()
-    if isinstance(value, tuple) and value and all(isinstance(item, Goal) for item in value):
-        return described_goals(value)
+    if isinstance(value, tuple) and value and all(isinstance(item, reach.Goal) for item in value):
+        return structured.described_goals(value)
     return [_plain(item) for item in value] if isinstance(value, tuple) else value

@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from mapdeal.grid.filters import FilterInfo, FilterKind
 from mapdeal.records import dataclass
-from mapdeal.ros.robot import ParameterValue
-from mapdeal.ros.ros2_files import Ros2Parameters
+from mapdeal.ros import robot, ros2_files
 
 _EXTRA_PARAMETERS: dict[FilterKind, str] = {
     "keepout": "",
@@ -130,7 +129,7 @@ def generate_launch_description():
 @dataclass(frozen=True)
 class InfoServer:
     name: str
-    values: Mapping[str, ParameterValue]
+    values: Mapping[str, robot.ParameterValue]
 
     def get(self, name: str, default: object = None) -> object:
         parameter = self.values.get(name)
@@ -141,7 +140,7 @@ class InfoServer:
         return self.get("filter_info_topic", "costmap_filter_info")
 
     @property
-    def first(self) -> ParameterValue:
+    def first(self) -> robot.ParameterValue:
         """The value whose line stands for the whole node in findings."""
         return next(iter(self.values.values()))
 
@@ -153,7 +152,7 @@ class FilterServers:  # as parameter files list them
     managed: tuple[str, ...]  # names of the nodes that lifecycle managers in the files activate
 
 
-def filter_servers(parameters: Ros2Parameters) -> FilterServers:
+def filter_servers(parameters: ros2_files.Ros2Parameters) -> FilterServers:
     names = [node.name for node in parameters.nodes if "*" not in node.name]
     nodes = [InfoServer(name, parameters.for_node(name)) for name in names]
     info = tuple(node for node in nodes if "mask_topic" in node.values)

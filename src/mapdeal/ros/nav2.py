@@ -15,13 +15,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import MalformedInputError
+from mapdeal import errors, records
 from mapdeal.grid.frame import as_float32
 from mapdeal.grid.values import few_text
 from mapdeal.layers.catalogue import NAV2_PLUGINS
 from mapdeal.layers.layer import PluginEntry
 from mapdeal.layers.stack import CostmapArea
-from mapdeal.records import replace
 from mapdeal.ros import robot
 from mapdeal.ros.robot import CostmapName, Level, ListedLayer, ParameterValue, Problem
 from mapdeal.ros.ros2_files import Ros2Node, Ros2Parameters, matches, read_ros2
@@ -97,7 +96,7 @@ class Nav2Values:
         value = self.parameters.get(name)
         problem = Problem(check, level, text, name, self.source, hint=hint)
         if value is not None:
-            problem = replace(problem, source=value.source, line=value.line, got=value.text)
+            problem = records.replace(problem, source=value.source, line=value.line, got=value.text)
         if problem not in self.problems:
             self.problems.append(problem)
 
@@ -171,7 +170,7 @@ def _listed_layers(values: Nav2Values, inscribed: float) -> tuple[ListedLayer, .
     if len(kinds) < len(found):
         return None
     layers = tuple(
-        replace(_layer(values, name, kind, inscribed), is_filter=index >= len(names))
+        records.replace(_layer(values, name, kind, inscribed), is_filter=index >= len(names))
         for index, (name, kind) in enumerate(kinds)
     )
     default_topic = values.get("map_topic", "string", "map")
@@ -249,7 +248,7 @@ def nav2_robot(
 ) -> tuple[robot.RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
     try:
         parameters = read_ros2(paths)
-    except MalformedInputError as error:
+    except errors.MalformedInputError as error:
         return None, (robot.syntax_problem(error, Path(error.source or paths[0])),)
     return robot_in(parameters, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted)
 

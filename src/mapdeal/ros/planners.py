@@ -16,9 +16,8 @@ from typing import Any
 from mapdeal.planners.planner import Default, Planner, planner_classes
 from mapdeal.planners.smac_2d import SMAC
 from mapdeal.records import dataclass, field
-from mapdeal.ros.nav2 import Nav2Values
+from mapdeal.ros import nav2, ros2_files
 from mapdeal.ros.robot import ParameterValue, Problem, RobotParameters
-from mapdeal.ros.ros2_files import Ros2Parameters, read_ros2
 
 PLANNER_SERVER = "planner_server"
 
@@ -95,16 +94,16 @@ def plugins_in(values: Mapping[str, ParameterValue]) -> dict[str, str]:
     }
 
 
-def has_server(parameters: Ros2Parameters) -> bool:
+def has_server(parameters: ros2_files.Ros2Parameters) -> bool:
     return any(node.name.endswith(f"/{PLANNER_SERVER}") for node in parameters.nodes)
 
 
 def planners_of(
-    robot: RobotParameters, parameters: Ros2Parameters | None = None
+    robot: RobotParameters, parameters: ros2_files.Ros2Parameters | None = None
 ) -> tuple[tuple[ListedPlanner, ...], tuple[Problem, ...]]:
-    parameters = parameters or read_ros2(robot.paths)
+    parameters = parameters or ros2_files.read_ros2(robot.paths)
     node = f"{robot.node.removesuffix('/global_costmap/global_costmap')}/{PLANNER_SERVER}"
-    values = Nav2Values(parameters.for_node(node), node, robot.paths[-1], up_to_kilted=False)
+    values = nav2.Nav2Values(parameters.for_node(node), node, robot.paths[-1], up_to_kilted=False)
     for name, default in SERVER_PARAMETERS.items():
         values.get(name, _KINDS[type(default)], default)
     plugins = plugins_in(values.parameters).items()
@@ -112,7 +111,7 @@ def planners_of(
     return listed, tuple(values.problems)
 
 
-def _listed_planner(values: Nav2Values, name: str, plugin: str) -> ListedPlanner:
+def _listed_planner(values: nav2.Nav2Values, name: str, plugin: str) -> ListedPlanner:
     if not plugin:
         text = f"{name} is listed, but has no {name}.plugin; Nav2 does not start"
         values.problem("params.plugins", "refused", text, "planner_plugins")

@@ -22,8 +22,7 @@ from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.footprint import Footprint, check_simple, contains_centre
 from mapdeal.grid.frame import as_float32
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OneLineRepr
-from mapdeal.layers.inflation import InflationLayer
-from mapdeal.layers.keepout import KeepoutFilter
+from mapdeal.layers import inflation, keepout
 from mapdeal.layers.layer import CostmapLayer
 from mapdeal.layers.stack import CostmapArea, CostmapLayers
 from mapdeal.layers.static import StaticLayer
@@ -295,7 +294,7 @@ class RobotParameters(OneLineRepr):
 
     @property
     def _keepout_filters(self) -> list[ListedLayer]:
-        return [item for item in self.layers if isinstance(item.layer, KeepoutFilter)]
+        return [item for item in self.layers if isinstance(item.layer, keepout.KeepoutFilter)]
 
     @property
     def has_keepout_filter(self) -> bool:
@@ -341,7 +340,7 @@ class RobotParameters(OneLineRepr):
         return bool(static) and not any(layer.track_unknown_space for layer in static)
 
     @property
-    def inflation_layers(self) -> tuple[InflationLayer, ...]:
+    def inflation_layers(self) -> tuple[inflation.InflationLayer, ...]:
         """Enabled inflation layers."""
         return self._enabled_layers().inflation_layers
 
@@ -492,7 +491,7 @@ def effect_of(listed: ListedLayer, robot: RobotParameters) -> str:
         return "switched off"
     is_effective = any(layer is effective for effective in robot.costmap_layers.effective)
     reason = layer.why_idle(True)
-    if not (reason or is_effective or isinstance(layer, KeepoutFilter)):
+    if not (reason or is_effective or isinstance(layer, keepout.KeepoutFilter)):
         reason = layer.why_idle(False) or "a layer above it replaces all costs"
     if reason is not None:
         return f"no effect: {reason}"
