@@ -64,7 +64,7 @@ def test_warnings_before_an_error_are_printed(tmp_path):
         pytest.warns(MapdealWarning, match="assuming 0"),
         pytest.raises(MalformedInputError, match="end early"),
     ):
-        run_map(path, tmp_path / "out", load_recipe("default"))
+        run_map(path, tmp_path / "out", load_recipe("default"), Settings())
 
 
 @pytest.mark.parametrize("action", ["ignore", "error", "once"])

@@ -33,7 +33,7 @@ def contents(folder):
 
 def test_a_run_writes_every_file_and_a_manifest_of_them(room, tmp_path):
     folder = tmp_path / "out" / "room"
-    report = run_map(room, folder, load_recipe("default", sim=True))
+    report = run_map(room, folder, load_recipe("default", sim=True), Settings())
     names = [f"{stem}.{end}" for stem in ("active", "inflated") for end in ("pgm", "yaml", "png")]
     names += [f"{s}.{e}" for s in ("esdf", "cost") for e in ("npz", "pgm", "yaml", "png")]
     names.append("input.png")
@@ -64,9 +64,9 @@ def edited(change):
 ])  # fmt: skip
 def test_what_has_changed_is_not_overwritten_without_force(room, tmp_path, file, change):
     recipe, folder, settings = load_recipe("default"), tmp_path / "out", Settings()
-    run_map(room, folder, recipe)
+    run_map(room, folder, recipe, Settings())
     times = [path.stat().st_mtime_ns for path in sorted(folder.iterdir())]
-    assert run_map(room, folder, recipe).status == "unchanged"
+    assert run_map(room, folder, recipe, Settings()).status == "unchanged"
     assert [path.stat().st_mtime_ns for path in sorted(folder.iterdir())] == times
     if file:
         change(folder / file)
@@ -84,7 +84,7 @@ def test_what_has_changed_is_not_overwritten_without_force(room, tmp_path, file,
 
 def test_a_replaced_run_leaves_no_outputs_of_the_old_one_behind(room, tmp_path):
     folder = tmp_path / "out"
-    run_map(room, folder, load_recipe("default", sim=True))
+    run_map(room, folder, load_recipe("default", sim=True), Settings())
     (folder / "notes.txt").write_text("mine")
     (folder / "active.png").write_bytes(b"edited by hand")
     run_map(room, folder, load_recipe("nav2"), Settings(force=True, images=False))
@@ -109,7 +109,7 @@ def test_every_readable_real_map_runs(real_maps, tmp_path, mapdeal_warnings, eve
         folder = tmp_path / str(number)
         if name.endswith(FAIL):
             with pytest.raises((MalformedInputError, FileAccessError)):
-                run_map(real_maps / name, folder, recipe)
+                run_map(real_maps / name, folder, recipe, Settings())
         elif not name.endswith(LARGE):
             run_map(real_maps / name, folder, recipe, settings)
             assert (folder / "manifest.json").exists()

@@ -402,11 +402,6 @@ def open_inputs(
     return opened
 
 
-def sums_of(path: Path, settings: Settings) -> dict[str, str]:
-    with opened_input(path, settings) as file:
-        return file.sums_by_name({})
-
-
 AnyMask = TypeVar("AnyMask")  # a keepout mask, its grid or its file
 
 

@@ -27,13 +27,7 @@ from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid
 from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import folder as folders, inputs, recipe as recipes
-from mapdeal.pipeline.settings import (
-    DEFAULT_SETTINGS,
-    Canvas,
-    Settings,
-    adding_warnings,
-    passes_reported,
-)
+from mapdeal.pipeline.settings import Canvas, Settings, adding_warnings, passes_reported
 from mapdeal.pipeline.step import Step, grid_of
 from mapdeal.ros.robot import CostmapName, RobotParameters
 
@@ -217,13 +211,13 @@ def apply_recipe(
     if not isinstance(grid, Grid):
         rule, hint = "takes a grid", command.grid_hint(grid)
         raise ParameterError(rule, place="apply_recipe", got=grid, hint=hint)
-    canvas = Settings(canvas=canvas).canvas
+    settings = Settings(canvas=canvas)
     loaded = recipes.load_recipe(
         recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius
     )
     products = {}
     full_frame = grid.frame if canvas == "full" else None
-    keepout = inputs.mask_of(used_mask(loaded, mask), DEFAULT_SETTINGS)
+    keepout = inputs.mask_of(used_mask(loaded, mask), settings)
     for product in products_of(loaded, grid, None, canvas=full_frame, mask=keepout):
         products[product.step.name] = product.grid
         if remark := folders.remark_on(product.step, product.grid.figures(), loaded.steps):
@@ -307,7 +301,7 @@ def costmap(
 
 
 def run_map(
-    path: Path, folder: Path, recipe: recipes.Recipe, settings: Settings = DEFAULT_SETTINGS,
+    path: Path, folder: Path, recipe: recipes.Recipe, settings: Settings,
     around: LocalOfRun | None = None,
 ) -> RunReport:  # fmt: skip
     texts: list[str] = []
@@ -338,26 +332,27 @@ def fill(
     source: Path, fillings: Sequence[folders.Filling], settings: Settings, *, skip: bool = True
 ) -> list[RunReport]:
     """Write the folders in one pass; skip those that are up to date."""
-    found = []
+    reports: dict[Path, RunReport] = {}
     for filling in fillings:
         filling.folder.check_inputs(filling.files)
-        found.append(filling.folder.unchanged_figures() if skip and not settings.force else None)
-    new = [filling for filling, old in zip(fillings, found, strict=True) if old is None]
-    for filling, old in zip(fillings, found, strict=True):
-        if old is not None:
+        figures = filling.folder.unchanged_figures() if skip and not settings.force else None
+        if figures is not None:
+            folder = filling.folder.path
+            reports[folder] = RunReport(folder, "unchanged", figures, source)
+    for filling in fillings:
+        if filling.folder.path in reports:
             filling.folder.repeat_warnings(filling)
+    new = [filling for filling in fillings if filling.folder.path not in reports]
     if len(fillings) == 1 and new and new[0].folder.shows_input:
         folder = new[0].folder.path / LOCAL_RECIPE
         if any("local" in stage for stage in folders.stored_manifest(folder).get("stages", ())):
             emit_warning(f"{folder}: holds the local map of an earlier run, which is left as it is")
     with use_threads(settings.threads):
-        figures_of_new = iter(folders.fill_together(new) if new else [])
-    return [
-        RunReport(filling.folder.path, "done", next(figures_of_new), source)
-        if old is None
-        else RunReport(filling.folder.path, "unchanged", old, source)
-        for filling, old in zip(fillings, found, strict=True)
-    ]
+        written = folders.fill_together(new) if new else []
+    for filling, figures in zip(new, written, strict=True):
+        folder = filling.folder.path
+        reports[folder] = RunReport(folder, "done", figures, source)
+    return [reports[filling.folder.path] for filling in fillings]
 
 
 def output_folder(
@@ -367,7 +362,10 @@ def output_folder(
     if settings.resolution is not None:
         options |= {"resolution": settings.resolution, "origin": list(settings.origin)}
     robot = None if recipe.robot is None else recipe.robot.described()
-    mask = None if settings.mask is None else inputs.sums_of(settings.mask, settings)
+    mask = None
+    if settings.mask is not None:
+        with inputs.opened_input(settings.mask, settings) as file:
+            mask = file.sums_by_name({})
     return folders.OutputFolder(
         folder, recipe.steps, sums, options, settings, robot, mask, shows_input=True
     )
