@@ -34,7 +34,7 @@ from mapdeal.pictures import canvas, layers
 from mapdeal.pictures.overlay import KnownLines, Overlay, Overlays, RobotOverlay
 from mapdeal.pipeline.settings import Settings, collected_from, passes_reported, portable, renamed
 from mapdeal.pipeline.step import Step
-from mapdeal.stages.catalogue import models_of
+from mapdeal.stages import catalogue, esdf
 
 _SHOWN = 3  # names and changes in a text
 _DEEPEST = 3  # mappings in mappings whose entries are listed one by one
@@ -108,8 +108,8 @@ def _summary_of_reach(figures: Figures) -> str:
     return "; ".join(parts)
 
 
-def _are_goals(value: object) -> TypeGuard[dict[str, bool]]:
-    return isinstance(value, dict) and all(isinstance(item, bool) for item in value.values())
+def _is_dict_of(value: object, kind: type[Any]) -> TypeGuard[dict[str, Any]]:
+    return isinstance(value, dict) and all(isinstance(item, kind) for item in value.values())
 
 
 def _changed_entries(
@@ -361,7 +361,8 @@ def write_product(
         transaction.write_bytes(output, f"{text}\n".encode())
     elif isinstance(grid, DistanceField) and not output_format(output).can_hold(DistanceField):
         mode: dialects.Mode | None = "raw" if output_format(output).images else None
-        reading.write_grid(transaction, output, step.view_of(grid), mode=mode)
+        view = (step.stage.view or esdf.field_view)(grid, **step.view)
+        reading.write_grid(transaction, output, view, mode=mode)
     else:
         written = pass_grid if output_format(output).requests_rows else grid
         reading.write_grid(transaction, output, written, encoding=encoding)
@@ -605,7 +606,9 @@ def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict
 
 def product_of(stage: str) -> str:
     own_name = "cost" if stage == "replay" else stage  # which is no stage of recipes
-    return next((stage_model.product for stage_model in models_of(stage).values()), own_name)
+    return next(
+        (stage_model.product for stage_model in catalogue.models_of(stage).values()), own_name
+    )
 
 
 def _is_manifest(value: object) -> TypeGuard[dict[str, Any]]:
@@ -614,13 +617,10 @@ def _is_manifest(value: object) -> TypeGuard[dict[str, Any]]:
         return False
     figures, outputs, stages = (value.get(key) for key in ("figures", "outputs", "stages"))
     return (
-        isinstance(figures, dict)
-        and all(isinstance(entry, dict) for entry in figures.values())
-        and isinstance(outputs, dict)
-        and all(isinstance(digest, str) for digest in outputs.values())
+        _is_dict_of(figures, dict)
+        and _is_dict_of(outputs, str)
         and isinstance(stages, list)
-        and all(isinstance(stage, dict) and len(stage) == 1 for stage in stages)
-        and all(isinstance(entry, dict) for stage in stages for entry in stage.values())
+        and all(_is_dict_of(stage, dict) and len(stage) == 1 for stage in stages)
         and len({name for stage in stages for name in stage}) == len(stages)
     )
 
@@ -668,7 +668,7 @@ def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | N
 def changes_between(old: Figures, new: Figures) -> str:
     texts = []
     before, after = old.get("goals"), new.get("goals")
-    if _are_goals(before) and _are_goals(after) and set(before) == set(after):
+    if _is_dict_of(before, bool) and _is_dict_of(after, bool) and set(before) == set(after):
         for is_reached, words in ((False, "no longer reachable"), (True, "reachable now")):
             turned = [name for name in after if after[name] is is_reached is not before[name]]
             texts += [f"{few_text(turned, _SHOWN)} {words}"] if turned else []

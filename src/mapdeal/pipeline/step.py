@@ -18,7 +18,7 @@ from mapdeal.layers.stack import CostmapArea
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import as_occupancy
 from mapdeal.records import asdict, dataclass, field
-from mapdeal.stages import catalogue, esdf, structured
+from mapdeal.stages import catalogue, structured
 
 
 @dataclass(frozen=True)
@@ -90,10 +90,6 @@ class Step:
     def remark_on(self, figures: frame.Figures) -> str | None:
         text = self.stage.remark({**self.parameters, **self.view}, figures)
         return None if text is None else f"{self.name}: {text}"
-
-    def view_of(self, product: DistanceField) -> OccupancyGrid:
-        view: OccupancyGrid = (self.stage.view or esdf.field_view)(product, **self.view)
-        return view
 
     def described(self) -> dict[str, Any]:
         model = {"model": self.stage.model} if self.stage.model else {}
