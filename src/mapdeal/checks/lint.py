@@ -321,8 +321,6 @@ def counts_text(counts: Mapping[str, int], suppressed: int) -> str:
 
 
 _COMMANDS = {"error": "error", "warning": "warning", "note": "notice"}
-
-
 _ESCAPES = str.maketrans({"%": "%25", "\r": "%0D", "\n": "%0A"})
 _ESCAPES_OF_PROPERTIES = _ESCAPES | str.maketrans({":": "%3A", ",": "%2C"})
 

@@ -249,7 +249,7 @@ class SensorFrames:
         if self._options.poses is not None:
             self._take_poses(self._options.poses, sensors)
         else:
-            self._take_mount(sensors)
+            self.add_mount(sensors)
             self._fixed = self._fixed_for(sensors)
         if self.tree.bad:
             self._bag.warn_once(f"{self.tree.bad} invalid transforms are ignored")
@@ -259,10 +259,6 @@ class SensorFrames:
         for child, (chosen, *unused) in sorted(self.tree.several_parents.items())[:_SEVERAL]:
             text = f"frame {child} has several parents: {chosen}, the most frequent, is used"
             self._bag.warn_once(f"{text}, and not {', '.join(unused)}")
-
-    def read_alone(self, sensor: str, advance: Callable[[int], object]) -> None:
-        self.read_all(advance)
-        self._take_mount([sensor])
 
     def at_each(self, frames: Sequence[str], times: Sequence[Integers]) -> Posed:
         """Return where each frame was at its own times, one frame behind the other."""
@@ -300,7 +296,7 @@ class SensorFrames:
         pose = transform.time, transform.translation, transform.quaternion
         self.tree.add(transform.parent, transform.child, *pose, is_static=is_static)
 
-    def _take_mount(self, sensors: list[str]) -> None:
+    def add_mount(self, sensors: list[str]) -> None:
         if self._options.mount is None:
             return
         if len(sensors) > 1:
@@ -316,7 +312,7 @@ class SensorFrames:
 
     def _take_poses(self, path: Path, sensors: list[str]) -> None:
         self._fixed = fixed = (self._options.fixed_frame or FIXED_FRAMES[0]).lstrip("/")
-        self._take_mount(sensors)
+        self.add_mount(sensors)
         base = self.base_frame()
         frames = [base] if base is not None else sensors
         base_name = self._options.base_frame or BASE_FRAMES[0]
@@ -372,7 +368,7 @@ class SensorFrames:
         connections = select_connections(self._bag, named, (messages.ODOMETRY,), "odometry")
         for place in self._bag.index([connection.id for connection in connections]):
             self._add(self._decoder.read(place, messages.odometry_of), is_static=False)
-        self._take_mount([name for name in sensors if name not in self.tree.frames])
+        self.add_mount([name for name in sensors if name not in self.tree.frames])
 
 
 _POINTS_TOGETHER = 1 << 18
@@ -402,7 +398,8 @@ class BagClouds:
     def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:
         _, sensor = self._decoder.header(self._index[0])
         if self._has_poses:
-            self._frames.read_alone(sensor, advance)
+            self._frames.read_all(advance)
+            self._frames.add_mount([sensor])
         else:
             self._frames.read({sensor}, advance)
         self._base = base = self._frames.base_frame()
