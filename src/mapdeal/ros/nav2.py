@@ -325,15 +325,16 @@ def _resolved(
     for name, text in robot.erasing_layers(layers):
         values.problem("params.erases-map", "warning", text, f"{name}.combination_method")
     layers = _with_static(values, layers, costmap)
-    track, area = values.flag("track_unknown_space"), _area(values) if has_cells else None
-    return shape.robot(
-        "nav2", costmap, values.node, layers, parameters.files, track=track, area=area,
-        base_frame=values.get("robot_base_frame", "string", "base_link"),
+    area = _area(values, resolution) if has_cells else None
+    return robot.RobotParameters(
+        **vars(shape), flavour="nav2", costmap=costmap, node=values.node, layers=layers,
+        files=parameters.files, track_unknown_space=values.flag("track_unknown_space"),
+        area=area, rolling_window=area is not None and area.is_rolling,
+        base_frame=values.get("robot_base_frame", "string", "base_link").lstrip("/"),
     )  # fmt: skip
 
 
-def _area(values: Nav2Values) -> CostmapArea:
-    resolution = values.get("resolution", "double", 0.1)
+def _area(values: Nav2Values, resolution: float) -> CostmapArea:
     sides = [values.get(side, "integer", 5) for side in ("height", "width")]
     height, width = (int(side / resolution) for side in sides)
     return CostmapArea(

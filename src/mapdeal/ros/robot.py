@@ -396,16 +396,6 @@ class Shape:
     inscribed_radius: float
     circumscribed_radius: float
 
-    def robot(
-        self, flavour: Flavour, costmap: CostmapName, node: str, layers: tuple[ListedLayer, ...],
-        files: Iterable[ParameterFile], *, track: bool, area: CostmapArea | None, base_frame: str,
-    ) -> RobotParameters:  # fmt: skip
-        return RobotParameters(
-            **vars(self), flavour=flavour, costmap=costmap, node=node, layers=layers,
-            files=tuple(files), track_unknown_space=track, area=area,
-            rolling_window=area is not None and area.is_rolling, base_frame=base_frame.lstrip("/"),
-        )  # fmt: skip
-
 
 def shape_of(
     corners: Corners, padding: float, radius: float | None,

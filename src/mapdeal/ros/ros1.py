@@ -617,12 +617,14 @@ def _robot_from(server: Ros1Server) -> robot.RobotParameters | None:
             text += "255, unknown" if track else "0, free"
             hint = _PLUGIN_HINT if has_list else "set static_map: true"
             server.problem("params.no-static-layer", "warning", text, hint=hint)
-    files = [robot.ParameterFile(file.source, file.sha256) for file in server.files]
-    node, area = "/" + "/".join(server.path), _area(server, is_rolling=is_rolling)
-    base_frame = server.text("base_link", "robot_base_frame")
-    return shape.robot(
-        "ros1", server.costmap, node, layers, files, track=track, area=area, base_frame=base_frame
-    )
+    files = tuple(robot.ParameterFile(file.source, file.sha256) for file in server.files)
+    area = _area(server, is_rolling=is_rolling)
+    return robot.RobotParameters(
+        **vars(shape), flavour="ros1", costmap=server.costmap, node=f"/{'/'.join(server.path)}",
+        layers=layers, files=files, track_unknown_space=track, area=area,
+        rolling_window=area is not None and area.is_rolling,
+        base_frame=server.text("base_link", "robot_base_frame").lstrip("/"),
+    )  # fmt: skip
 
 
 def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
