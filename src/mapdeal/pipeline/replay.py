@@ -211,7 +211,6 @@ class Delivery:
 
 @records.dataclass(frozen=True, eq=False)
 class ReplayStep:
-    number: int  # of the message after which the costmap was updated
     time: int
     topic: str
     deliveries: Sequence[Delivery]
@@ -308,7 +307,7 @@ class BagReplay:
 
     def steps(self) -> Iterator[ReplayStep]:
         self._frames.read_all(lambda _: None)
-        for number, place in enumerate(self._index):
+        for place in self._index:
             connection = self._types[place.connection]
             is_scan = connection.type == messages.LASER_SCAN
             read: Callable[[Any], RawScan | RawCloud] = _raw_scan if is_scan else self._raw_cloud
@@ -320,7 +319,7 @@ class BagReplay:
                 (x, y, _), turn = base
                 map_to_costmap = self._map_to_costmap(message.time)
                 self.costmap.update((x, y, yaw_of(turn)), message.time, map_to_costmap)
-            yield ReplayStep(number, message.time, connection.topic, deliveries)
+            yield ReplayStep(message.time, connection.topic, deliveries)
 
     def _raw_cloud(self, message: Any) -> RawCloud:
         needed = _PER_POINT * int(message.width) * int(message.height)
