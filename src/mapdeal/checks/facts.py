@@ -37,9 +37,7 @@ _PIXELS_PER_BAND = 1 << 18  # as colours are widened to 64 bits when they become
 def without_rounding_noise(value: float) -> float | None:
     """Return the short decimal that a value is a rounding of; None for an exact value."""
     plain = float(f"{value:.6g}")
-    if plain != value and float(np.float32(plain)) == float(np.float32(value)):
-        return plain
-    return None
+    return plain if plain != value and np.float32(plain) == np.float32(value) else None
 
 
 Place = tuple[int, int]  # row and column of a cell, row 0 in the south

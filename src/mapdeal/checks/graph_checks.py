@@ -9,7 +9,7 @@ import numpy as np
 
 from mapdeal.checks.findings import CHECKS, Finding, error_finding
 from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.grid import frame, reach, reaching, values
+from mapdeal.grid import reach, reaching, values
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.route_graph import RouteGraph, Sweeps, closed_costs
@@ -80,13 +80,10 @@ class _GraphFacts:
         row, col = self.cells.T
         is_closed = ~(self.inside & self.sweeps.is_open[row, col])
         for node in np.flatnonzero(is_closed).tolist():
-            yield self.finding("node-closed", self._closed_text(node), [self._point(node)])
+            place = self.graph.points_xy[[node]].tolist()
+            yield self.finding("node-closed", self._closed_text(node), place)
         yield from self._blocked(is_closed)
         yield from self._connections()
-
-    def _point(self, node: int) -> frame.Point:
-        x, y = self.graph.points_xy[node].tolist()
-        return x, y
 
     def _closed_text(self, node: int) -> str:
         number = self.graph.nodes[node].id
@@ -156,7 +153,7 @@ class _GraphFacts:
             if part != largest:
                 nodes = np.flatnonzero(weak == part).tolist()
                 text = f"{self._ids(nodes)} not connected with the rest"
-                yield self.finding("parts", text, map(self._point, nodes))
+                yield self.finding("parts", text, self.graph.points_xy[nodes].tolist())
         links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
         _, strong = connected_components(links.tocsr(), directed=True, connection="strong")
         main = int(np.bincount(strong[weak == largest]).argmax())
@@ -169,7 +166,7 @@ class _GraphFacts:
             if nodes:
                 word = "left, but not entered" if can_leave else "entered, but not left"
                 text = f"{self._ids(nodes)} can be {word}; add edges in the other direction"
-                yield self.finding("one-way", text, map(self._point, nodes))
+                yield self.finding("one-way", text, self.graph.points_xy[nodes].tolist())
 
     def _ids(self, nodes: Sequence[int]) -> str:
         ids = ", ".join(str(self.graph.nodes[node].id) for node in nodes[:5])

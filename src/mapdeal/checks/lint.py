@@ -61,8 +61,7 @@ def lint_file(
 
 
 def lint_mask(path: Path, facts: MaskFacts) -> Iterator[Finding]:
-    entries = {} if facts.pair is None else facts.pair.entries
-    return findings_on({MaskFacts: facts}, path, entries)
+    return findings_on({MaskFacts: facts}, path, facts.pair.entries if facts.pair else {})
 
 
 def checks_of(facts: type) -> list[str]:

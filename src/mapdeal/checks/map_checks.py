@@ -623,13 +623,11 @@ def lint_run(folder: Path) -> list[Finding]:
     if not isinstance(outputs, dict) or not outputs:
         if failed := _lines_on_failed_maps(folder):
             return [CHECKS["run.failed-map"].finding(folder, text) for text in failed]
-        kind = kinds.kind_of(folder)
-        if kind is not None:
-            text = f"is {kind.what}, not a folder of maps or of a run ({kind.use})"
-            return [CHECKS["run.no-manifest"].finding(folder, text)]
         text = f"has no {MANIFEST} of a run, and no map in it or below: no .yaml with the key image"
         text += "; --params-file checks a robot's parameters"
-        if MANIFEST in files:
+        if (kind := kinds.kind_of(folder)) is not None:
+            text = f"is {kind.what}, not a folder of maps or of a run ({kind.use})"
+        elif MANIFEST in files:
             text = f"its {MANIFEST} is not that of a run"
         return [CHECKS["run.no-manifest"].finding(folder, text)]
     findings = [*_check_outputs(folder, outputs), *_check_costs(folder, manifest.get("figures"))]
