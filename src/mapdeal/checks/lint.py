@@ -19,7 +19,7 @@ from typing import Any, Literal, overload
 from urllib.parse import quote_from_bytes
 
 from mapdeal import command, errors as mapdeal_errors, records
-from mapdeal.checks import map_checks, mask_checks, parameter_checks  # noqa: F401 - adds checks
+from mapdeal.checks import map_checks, parameter_checks
 from mapdeal.checks.facts import MaskFacts, RoomFacts, gather, gather_rooms
 from mapdeal.checks.findings import (
     CHECKS,
