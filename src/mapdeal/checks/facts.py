@@ -15,10 +15,9 @@ from mapdeal import errors, records
 from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, add_check
 from mapdeal.files.source import bytes_of_lines, claim, claimed
 from mapdeal.files.yaml_text import Entry, parse_mapping, read_mapping
+from mapdeal.grid import field, footprint
 from mapdeal.grid.costmap import Costmap, figures_of_costs
-from mapdeal.grid.field import FieldView, ViewScale
 from mapdeal.grid.filters import FilterInfo
-from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, Point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, Passage, Reach
@@ -331,7 +330,7 @@ class MaskFacts:
     map_name: str
     closed: Mask  # which cells of the map the mask forbids
     covered: float  # the share of the map's known cells that the mask covers, 0..1
-    robot: Footprint | None = None
+    robot: footprint.Footprint | None = None
     start: tuple[float, ...] | None = None
     goals: tuple[Goal, ...] = ()
     name_of: Callable[[Point], str | None] = lambda _: None  # of the zone at a point, if known
@@ -433,7 +432,7 @@ def _gather_grid(path: Path, max_cells: int | None) -> GridFacts | None:
         grid = file.cells()
     if isinstance(grid, Costmap):
         map_file.warn_of_cost_figures(path, grid.figures())
-    elif isinstance(grid, FieldView):
+    elif isinstance(grid, field.FieldView):
         _warn_of_view(path, grid.scale)
     else:
         return GridFacts.of(grid if isinstance(grid, OccupancyGrid) else grid.grid)
@@ -469,7 +468,7 @@ def _gather_pair(
     return pair, None
 
 
-def _warn_of_view(path: Path, scale: ViewScale) -> None:
+def _warn_of_view(path: Path, scale: field.ViewScale) -> None:
     text = f"{path}: is the 0..100 view of a distance field ({scale.described()}), not a map"
     errors.emit_warning(errors.MapdealWarning(text, "map.view"))
 

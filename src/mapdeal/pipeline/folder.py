@@ -19,17 +19,14 @@ from mapdeal import command, errors, records, version
 from mapdeal.files import json_values, yaml_text
 from mapdeal.files.source import YAML, access_to, exists, holds, is_same_file, real_path, status_of
 from mapdeal.files.transaction import OpenOutput, PutRows, RowsWriter, Transaction
-from mapdeal.grid.costmap import Costmap
+from mapdeal.grid import costmap, footprint, frame
 from mapdeal.grid.field import DistanceField, FieldView, PotentialField
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import GoalReach, Passage, Reach
 from mapdeal.grid.values import count_text, decimal_text, few_text, join_words
 from mapdeal.kernels import blocks, lookup
-from mapdeal.maps import dialects, map_server, png, reading
+from mapdeal.maps import dialects, map_server, npz, png, reading
 from mapdeal.maps.formats import named, output_format, written_endings
-from mapdeal.maps.npz import NPZ, Grid, write_npy
 from mapdeal.pictures import canvas, layers
 from mapdeal.pictures.overlay import KnownLines, Overlay, Overlays, RobotOverlay
 from mapdeal.pipeline.settings import Settings, collected_from, passes_reported, portable, renamed
@@ -43,14 +40,14 @@ _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
 _SHOWN_AS = {"between": "values 1..99", "graded": "intermediate"}
 
 
-def remark_on(step: Step, figures: Figures, steps: Sequence[Step]) -> str | None:
+def remark_on(step: Step, figures: frame.Figures, steps: Sequence[Step]) -> str | None:
     """Return the remark on the product of one of several steps; without obstacles that of costs."""
     remark = step.remark_on(figures)
     is_repeated = remark == f"{step.name}: {command.NO_OBSTACLE}" and step.name != "cost"
     return None if is_repeated and "cost" in [each.name for each in steps] else remark
 
 
-def summary_of(figures: Figures) -> str:
+def summary_of(figures: frame.Figures) -> str:
     cells = figures["width"] * figures["height"]
 
     def share(name: str) -> str:
@@ -83,7 +80,7 @@ def summary_of(figures: Figures) -> str:
     return ", ".join(parts)
 
 
-def written_line(output: Path, figures: Figures, *, with_origin: bool = False) -> str:
+def written_line(output: Path, figures: frame.Figures, *, with_origin: bool = False) -> str:
     text = f"{output}: {figures['width']} x {figures['height']} cells"
     if with_origin:
         x, y, yaw = figures["origin"]
@@ -91,7 +88,7 @@ def written_line(output: Path, figures: Figures, *, with_origin: bool = False) -
     return f"{text}, {summary_of(figures)}"
 
 
-def _summary_of_reach(figures: Figures) -> str:
+def _summary_of_reach(figures: frame.Figures) -> str:
     x, y, *_ = figures["start"]
     reached, room = (decimal_text(figures[key]) for key in ("reachable_m2", "open_m2"))
     parts = [f"from {x:.10g}, {y:.10g} the robot reaches {reached} of {room} m2 open to it"]
@@ -113,7 +110,7 @@ def _is_dict_of(value: object, kind: type[Any]) -> TypeGuard[dict[str, Any]]:
 
 
 def _changed_entries(
-    old: Figures, new: Figures, place: str = "", depth: int = _DEEPEST
+    old: frame.Figures, new: frame.Figures, place: str = "", depth: int = _DEEPEST
 ) -> Iterator[str]:
     for name in {**old, **new}:
         before, after = old.get(name), new.get(name)
@@ -137,7 +134,7 @@ def step_line(step: Step) -> str:
 
 
 @contextmanager
-def one_pass(transaction: Transaction, grid: Grid) -> Iterator[Grid]:
+def one_pass(transaction: Transaction, grid: npz.Grid) -> Iterator[npz.Grid]:
     # The rows of lazy layers are computed once for all files, those in memory written in parallel.
     if not grid.is_lazy:
         yield grid
@@ -221,7 +218,7 @@ class Spread(command.Result):
 def reach_document(reach: Reach) -> dict[str, Any]:
     robot = reach.robot
     shape: dict[str, Any] = {"radius": 0.0 if robot is None else robot.radius}
-    if isinstance(robot, Footprint) and robot.vertices:
+    if isinstance(robot, footprint.Footprint) and robot.vertices:
         shape = {"footprint": [list(corner) for corner in robot.vertices]}
         shape["inscribed_radius"] = rounded(robot.inscribed_radius)
         shape["circumscribed_radius"] = rounded(robot.circumscribed_radius)
@@ -303,8 +300,8 @@ _FILES: dict[type[Any], GridFiles] = {
     FieldView: GridFiles(
         "OUT", f"The view: {_written(FieldView)}.", written_endings(FieldView),
         (".pgm", ".yaml"), layers.occupancy_image, layers.OccupancyDrawing),
-    Costmap: GridFiles(
-        "OUT", f"The costs: {_written(Costmap)}.", written_endings(Costmap),
+    costmap.Costmap: GridFiles(
+        "OUT", f"The costs: {_written(costmap.Costmap)}.", written_endings(costmap.Costmap),
         (".npz", ".pgm", ".yaml"), layers.cost_image, layers.CostDrawing),
     DistanceField: GridFiles(
         "OUT", "The field as .npz, as a bare .npy, or its 0..100 view as "
@@ -312,9 +309,9 @@ _FILES: dict[type[Any], GridFiles] = {
         (*written_endings(FieldView), ".npy"), (".npz", ".pgm", ".yaml"),
         layers.field_image, layers.FieldDrawing),
     PotentialField: GridFiles("OUT.npz", "The field, with all its layers.",
-                              NPZ.endings, NPZ.endings, layers.potential_image),
+                              npz.NPZ.endings, npz.NPZ.endings, layers.potential_image),
     Reach: GridFiles("OUT", "The answer as .json, or its layers as .npz.",
-                     (".json", *NPZ.endings), (*NPZ.endings, ".json"), _reach_image),
+                     (".json", *npz.NPZ.endings), (*npz.NPZ.endings, ".json"), _reach_image),
 }  # fmt: skip
 
 
@@ -342,12 +339,12 @@ def output_of(step: Step, output: Path) -> list[Path]:
 
 
 def write_product(
-    transaction: Transaction, output: Path, grid: Grid, step: Step, *, pass_grid: Grid,
+    transaction: Transaction, output: Path, grid: npz.Grid, step: Step, *, pass_grid: npz.Grid,
     encoding: map_server.Encoding = "occupancy",
 ) -> None:  # fmt: skip
     # Within a pass; `pass_grid` is the grid from `one_pass`.
     if isinstance(pass_grid, DistanceField) and output.suffix == ".npy":
-        transaction.write(output, lambda file: write_npy(file, pass_grid.distance))
+        transaction.write(output, lambda file: npz.write_npy(file, pass_grid.distance))
         names = ("convention", "strength", "max_distance", "lethal_threshold", "unknown")
         document = {
             "distance": output.name,
@@ -369,7 +366,7 @@ def write_product(
 
 
 def write_picture(
-    transaction: Transaction, path: Path, grid: Grid, title: str, settings: Settings,
+    transaction: Transaction, path: Path, grid: npz.Grid, title: str, settings: Settings,
     overlay: Overlay | None = None,
 ) -> None:  # fmt: skip
     files, title = files_of(type(grid)), errors.one_line(title)
@@ -394,17 +391,17 @@ def _encode(file: BinaryIO, image: canvas.Image) -> None:
     png.write_png(file, image.indices, image.palette)
 
 
-def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
+def robot_overlays(step: Step, robot: footprint.Footprint | None = None) -> list[Overlay]:
     shape = step.stage.robot
     if shape is None or step.stage.product_type is Reach:  # whose picture has it at its start
         return []
     shapes = [step.parameters.get(name) for name in (*shape.sets, shape.replaces)]
-    known = next((item for item in shapes if isinstance(item, Footprint)), robot)
+    known = next((item for item in shapes if isinstance(item, footprint.Footprint)), robot)
     radius = step.parameters[shape.replaces]
     if known is None and radius and radius <= _FARTHEST:
         is_round = step.parameters.get("circumscribed_radius") in (None, radius)
         label = {} if is_round else {"label": "the robot's inscribed circle"}
-        return [RobotOverlay(Footprint.circle(radius), **label)]
+        return [RobotOverlay(footprint.Footprint.circle(radius), **label)]
     return [] if known is None or not radius else [RobotOverlay(known)]
 
 
@@ -415,8 +412,8 @@ _FORMAT = "mapdeal-run/1"
 @records.dataclass(frozen=True)
 class Product:
     step: Step
-    grid: Grid
-    figures: Figures = records.field(default_factory=dict)
+    grid: npz.Grid
+    figures: frame.Figures = records.field(default_factory=dict)
     mask: str | None = None  # the name of a keepout mask that has been laid over it
     overlay: Overlay | None = None
 
@@ -443,7 +440,7 @@ class OutputFolder:
                 hint = "move it, or name another folder for the outputs"
                 raise errors.FileAccessError(rule, source=file, hint=hint)
 
-    def unchanged_figures(self) -> dict[str, Figures] | None:
+    def unchanged_figures(self) -> dict[str, frame.Figures] | None:
         old, own = stored_manifest(self.path), self._manifest()
         results = ("figures", "warnings", "outputs")
         if {key: value for key, value in old.items() if key not in results} != own:
@@ -476,9 +473,9 @@ class OutputFolder:
             return f"{hint}; this folder holds the same already"
         return f"{hint}; the run in this folder had other inputs, parameters, or was changed"
 
-    def write(self, transaction: Transaction, filling: Filling) -> dict[str, Figures]:
+    def write(self, transaction: Transaction, filling: Filling) -> dict[str, frame.Figures]:
         before = stored_manifest(self.path).get("outputs", {})
-        figures: dict[str, Figures] = {}
+        figures: dict[str, frame.Figures] = {}
         texts, settings = list(filling.warnings), self.settings
         shows_known = settings.images and settings.image_extent == "known"
         if filling.read is not None:
@@ -487,7 +484,7 @@ class OutputFolder:
                 write_picture(transaction, path, filling.read, title, settings)
         for product in collected_from(filling.products, texts):
             step, grid = product.step, product.grid
-            if shows_known and isinstance(grid, (OccupancyGrid, Costmap)) and grid.is_lazy:
+            if shows_known and isinstance(grid, (OccupancyGrid, costmap.Costmap)) and grid.is_lazy:
                 # one pass finds the box of known cells and the counts of the figures
                 blocks.gathered(grid.layer, lookup.histogram, KnownLines(grid.unknown_value))
             figures[step.name] = {**grid.figures(), **product.figures}
@@ -549,8 +546,8 @@ class Filling:
     overlay: Overlay | None = None
     by_blocks: bool = False
     warnings: Sequence[str] = ()
-    read: Grid | None = None
-    robot: Footprint | None = None
+    read: npz.Grid | None = None
+    robot: footprint.Footprint | None = None
 
     @property
     def named(self) -> tuple[Path, ...]:
@@ -561,7 +558,7 @@ def together(overlays: Sequence[Overlay]) -> Overlay | None:
     return Overlays(tuple(overlays)) if overlays else None
 
 
-def fill_together(fillings: Sequence[Filling]) -> list[dict[str, Figures]]:
+def fill_together(fillings: Sequence[Filling]) -> list[dict[str, frame.Figures]]:
     read = tuple(dict.fromkeys(file for filling in fillings for file in filling.files))
     for filling in fillings:
         filling.folder.check_inputs(read)
@@ -665,7 +662,7 @@ def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | N
     return f"{', '.join(differing)} differ" + (f": {changes}" if changes else "")
 
 
-def changes_between(old: Figures, new: Figures) -> str:
+def changes_between(old: frame.Figures, new: frame.Figures) -> str:
     texts = []
     before, after = old.get("goals"), new.get("goals")
     if _is_dict_of(before, bool) and _is_dict_of(after, bool) and set(before) == set(after):

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mapdeal.command import Stage, accept_parameters, unknown_name, unknown_parameter
+from mapdeal import command, records
 from mapdeal.errors import MapdealError, ParameterError, emit_warning
 from mapdeal.files.source import room, size_text
 from mapdeal.grid import canvas, costmap, frame, reach
@@ -17,15 +17,14 @@ from mapdeal.kernels.blocks import activity
 from mapdeal.layers.stack import CostmapArea
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import as_occupancy
-from mapdeal.records import asdict, dataclass, field
 from mapdeal.stages import catalogue, structured
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Step:
-    stage: Stage
+    stage: command.Stage
     parameters: Mapping[str, Any]
-    view: Mapping[str, Any] = field(default_factory=dict)
+    view: Mapping[str, Any] = records.field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -105,14 +104,14 @@ def grid_of(result: Any) -> Grid:
 def make_step(name: str, values: Mapping[str, object]) -> Step:
     models = catalogue.models_of(name)
     if not models:
-        raise unknown_name("stage", name, catalogue.STAGE_NAMES)
+        raise command.unknown_name("stage", name, catalogue.STAGE_NAMES)
     stage, values = _in_model(name, models, dict(values))
     for key in values:
         if key not in stage.parameters:
-            raise unknown_parameter(key, stage.parameters, name)
+            raise command.unknown_parameter(key, stage.parameters, name)
     own, view = ({key: value for key, value in values.items() if key in known}
                  for known in (stage.own_parameters, stage.view_parameters))  # fmt: skip
-    parameters = accept_parameters(stage.own_parameters, own, name)
+    parameters = command.accept_parameters(stage.own_parameters, own, name)
     for by, rule in stage.in_place_of.items():
         if parameters[by] is None:
             continue
@@ -129,17 +128,17 @@ def make_step(name: str, values: Mapping[str, object]) -> Step:
     except ParameterError as error:
         error.place = ".".join(filter(None, (stage.name, error.place)))
         raise
-    return Step(stage, parameters, accept_parameters(stage.view_parameters, view, name))
+    return Step(stage, parameters, command.accept_parameters(stage.view_parameters, view, name))
 
 
 def _in_model(
-    name: str, models: Mapping[str | None, Stage], values: dict[str, object]
-) -> tuple[Stage, dict[str, object]]:
+    name: str, models: Mapping[str | None, command.Stage], values: dict[str, object]
+) -> tuple[command.Stage, dict[str, object]]:
     if None in models:
         return models[None], values
     model = values.pop("model", next(iter(models)))
     if not isinstance(model, str) or model not in models:
-        raise unknown_name(f"{name} model", model, map(str, models), place=f"{name}.model")
+        raise command.unknown_name(f"{name} model", model, map(str, models), place=f"{name}.model")
     stage = models[model]
     for key in values:
         owners = [str(m) for m, owner in models.items() if key in owner.parameters]
@@ -153,7 +152,7 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "vertices"):
         return [list(vertex) for vertex in value.vertices] or {"radius": value.radius}
     if isinstance(value, CostmapArea):
-        return {key: _plain(field) for key, field in asdict(value).items()}
+        return {key: _plain(field) for key, field in records.asdict(value).items()}
     if hasattr(value, "described"):
         return value.described()
     if isinstance(value, tuple) and value and all(isinstance(item, reach.Goal) for item in value):

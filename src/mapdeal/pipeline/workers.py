@@ -26,8 +26,7 @@ from typing import Any, NoReturn, TypeVar
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
 from mapdeal.files import source, transaction
-from mapdeal.kernels.engine import VARIABLE
-from mapdeal.kernels.threads import ThreadPool, Worker, use_threads
+from mapdeal.kernels import engine, threads
 from mapdeal.pipeline.batch import TOO_LARGE, Job, Outcome, Submit, Work, WorkerDiedError
 from mapdeal.version import __version__
 
@@ -66,7 +65,7 @@ class ProcessWorkers:
                 stack.callback(writing_end.close)
                 executor = ProcessPoolExecutor(
                     size, context, initializer=_set_up,
-                    initargs=(lifeline, os.environ.get(VARIABLE)),
+                    initargs=(lifeline, os.environ.get(engine.VARIABLE)),
                 )  # fmt: skip
                 stack.callback(_shut_down, executor)
 
@@ -198,12 +197,12 @@ class _StoppedError(BaseException):
 _is_busy = _is_stopping = False
 
 
-def _set_up(lifeline: Connection, engine: str | None) -> None:
-    if engine is not None:  # the server may have an outdated environment
-        os.environ[VARIABLE] = engine
+def _set_up(lifeline: Connection, chosen_engine: str | None) -> None:
+    if chosen_engine is not None:  # the server may have an outdated environment
+        os.environ[engine.VARIABLE] = chosen_engine
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _stop)
-    if not Worker(partial(_watch, lifeline)).start():
+    if not threads.Worker(partial(_watch, lifeline)).start():
         os._exit(_STOPPED)  # unwatched, it could outlive the command
 
 
@@ -348,7 +347,7 @@ def _client(address: str) -> Any:
 
 def _within_timeout(request: Callable[..., _T], *arguments: Any, **options: Any) -> _T:
     seconds = _TIMEOUT + _SECONDS_TO_ANSWER
-    thread = ThreadPool(1)
+    thread = threads.ThreadPool(1)
     reply = thread.submit(request, *arguments, **options)
     thread.shutdown(wait=False)
     if not wait_for([reply], timeout=seconds).done:
@@ -427,5 +426,5 @@ def _work_on_cluster(work: Work, version: str, job: Job) -> Outcome:
     from distributed import get_worker
 
     # The threads of a worker take turns, because Python's warnings belong to the process.
-    with _warnings_lock, use_threads(int(get_worker().state.nthreads)):
+    with _warnings_lock, threads.use_threads(int(get_worker().state.nthreads)):
         return work(job)
