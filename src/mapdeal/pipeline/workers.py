@@ -14,13 +14,10 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, wait as wait_for
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
-from multiprocessing import resource_tracker, util
-from multiprocessing.connection import Connection, wait
-from multiprocessing.context import BaseContext
+from multiprocessing import connection, resource_tracker, util
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -72,15 +69,15 @@ class ProcessWorkers:
             is_lost = threading.Event()
 
             def note_loss(future: Future[Outcome]) -> None:
-                if not future.cancelled() and isinstance(future.exception(), BrokenProcessPool):
+                if not future.cancelled() and isinstance(future.exception(), BrokenExecutor):
                     is_lost.set()
 
             def submit(job: Job) -> Future[Outcome]:
                 try:
                     future = _submit(executor, _stoppable, work, job)
-                except (OSError, EOFError, BrokenProcessPool) as error:  # no process can start
+                except (OSError, EOFError, BrokenExecutor) as error:  # no process can start
                     is_lost.set()
-                    raise BrokenProcessPool(str(error)) from None
+                    raise BrokenExecutor(str(error)) from None
                 future.add_done_callback(note_loss)
                 return future
 
@@ -133,7 +130,7 @@ def _wait_for_first(executor: ProcessPoolExecutor) -> None:
         while not first.done():  # without its threads the pool would never run it
             if failures:
                 raise RuntimeError
-            wait_for([first], timeout=_POLL_INTERVAL)
+            wait([first], timeout=_POLL_INTERVAL)
         first.result()
     finally:
         threading.excepthook = before
@@ -149,7 +146,7 @@ def _end_fork_server_and_tracker() -> None:
         tracker._stop()  # noqa: SLF001
 
 
-def _context() -> BaseContext:
+def _context() -> multiprocessing.context.BaseContext:
     # By themselves, helper processes notice late that this process has ended. With priority -101
     # they are ended last, after multiprocessing has removed the server's socket.
     util.Finalize(None, _end_fork_server_and_tracker, exitpriority=-101)
@@ -197,7 +194,7 @@ class _StoppedError(BaseException):
 _is_busy = _is_stopping = False
 
 
-def _set_up(lifeline: Connection, chosen_engine: str | None) -> None:
+def _set_up(lifeline: connection.Connection, chosen_engine: str | None) -> None:
     if chosen_engine is not None:  # the server may have an outdated environment
         os.environ[engine.VARIABLE] = chosen_engine
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -206,8 +203,8 @@ def _set_up(lifeline: Connection, chosen_engine: str | None) -> None:
         os._exit(_STOPPED)  # unwatched, it could outlive the command
 
 
-def _watch(lifeline: Connection) -> NoReturn:
-    wait([lifeline])
+def _watch(lifeline: connection.Connection) -> NoReturn:
+    connection.wait([lifeline])
     with suppress(OSError):
         if hasattr(signal, "pthread_kill"):  # the main thread may wait in a system call
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
@@ -350,7 +347,7 @@ def _within_timeout(request: Callable[..., _T], *arguments: Any, **options: Any)
     thread = threads.ThreadPool(1)
     reply = thread.submit(request, *arguments, **options)
     thread.shutdown(wait=False)
-    if not wait_for([reply], timeout=seconds).done:
+    if not wait([reply], timeout=seconds).done:
         raise TimeoutError(f"no reply within {seconds:g} s")
     return reply.result()
 
