@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import errors, records
 from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, add_check
@@ -23,7 +22,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, Passage, Reach
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels import components, engine, lookup
-from mapdeal.kernels.arrays import Integers, Mask
+from mapdeal.kernels.arrays import Integers, Mask, SignedBytes
 from mapdeal.kernels.blocks import blocks_of
 from mapdeal.maps import dialects, formats, images, kinds, map_file, map_server, reading
 from mapdeal.maps.picture import Picture, Strips, opaque_greys
@@ -66,13 +65,13 @@ class CellTallies:
         pooled_shape = (math.ceil(side / self.pooling) for side in shape)
         self._pooled = np.zeros((2, *pooled_shape), dtype=np.int32)  # of obstacles, and free
 
-    def add(self, occupancy: NDArray[np.int8]) -> None:
+    def add(self, occupancy: SignedBytes) -> None:
         """Count the cells of the next rows, shape (rows, W)."""
         step = max(1, _CELLS_PER_BAND // occupancy.shape[1])
         for first in range(0, len(occupancy), step):
             self._add_band(occupancy[first : first + step])
 
-    def _add_band(self, band: NDArray[np.int8]) -> None:
+    def _add_band(self, band: SignedBytes) -> None:
         height, first = self.shape[0], self._rows
         stop = self._rows = first + len(band)
         if self._counts_bytes:

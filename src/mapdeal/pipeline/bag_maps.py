@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.bags import messages
 from mapdeal.bags.bag import Bag, Connection, MessageIndex, MessageSpan, normalised_type
@@ -617,7 +616,7 @@ class BagScans(ScanSource):
         counts = [len(stamps) for stamps in times]
         posed = self._frames.at_each([scan.frame for scan in scans], times)
         stance = stances(posed.translations, posed.quaternions)
-        placed: list[tuple[LaserScan, NDArray[np.intp]]] = []
+        placed: list[tuple[LaserScan, Integers]] = []
         rows_of_scans = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
         for scan, rows in zip(scans, rows_of_scans, strict=True):
             if not posed.known[rows].all():
@@ -627,7 +626,7 @@ class BagScans(ScanSource):
             else:
                 placed.append((scan, rows))
 
-        def kind(placed_scan: tuple[LaserScan, NDArray[np.intp]]) -> tuple[object, ...]:
+        def kind(placed_scan: tuple[LaserScan, Integers]) -> tuple[object, ...]:
             scan, rows = placed_scan
             return (*scan.geometry, stance.is_level[rows].all(), stance.is_flipped[rows[0]])
 

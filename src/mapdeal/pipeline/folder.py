@@ -12,9 +12,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, TypeGuard
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mapdeal import command, errors, records, version
 from mapdeal.files import json_values, yaml_text
 from mapdeal.files.source import YAML, access_to, exists, holds, is_same_file, real_path, status_of
@@ -24,7 +21,7 @@ from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import GoalReach, Passage, Reach
 from mapdeal.grid.values import count_text, decimal_text, few_text, join_words
-from mapdeal.kernels import blocks, lookup
+from mapdeal.kernels import arrays, blocks, lookup
 from mapdeal.maps import dialects, map_server, npz, png, reading
 from mapdeal.maps.formats import named, output_format, written_endings
 from mapdeal.pictures import canvas, layers
@@ -149,8 +146,8 @@ class _Pass:
         self._layer, self._next = layer, 0
         self._row_writers: list[tuple[Path, PutRows]] = []
 
-    def handed_on(self, rows: slice) -> NDArray[np.generic]:
-        values: NDArray[np.generic] = self._layer[rows]
+    def handed_on(self, rows: slice) -> arrays.Array:
+        values: arrays.Array = self._layer[rows]
         self._hand_on(rows)
         return values
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import command, records
 from mapdeal.bags import messages
@@ -22,7 +21,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, as_float32, turned
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, count_text
-from mapdeal.kernels.arrays import Floats
+from mapdeal.kernels.arrays import Floats, Mask, Metres, SignedBytes
 from mapdeal.layers import obstacle
 from mapdeal.layers.layer import Bounds, LiveLayer, LivePlace, MasterGrid, Update, Window
 from mapdeal.layers.stack import cells_below, covered_cells
@@ -34,7 +33,6 @@ from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
 from mapdeal.ros.robot import INJECTED, RobotParameters
 
-Points = NDArray[np.float32]
 _PER_CELL = 64  # bytes for each cell, in all layers and the costs
 _PER_POINT = 400  # bytes for each point of a cloud: its rays are computed together
 _TYPES = {"LaserScan": messages.LASER_SCAN, "PointCloud2": messages.POINT_CLOUD}
@@ -44,7 +42,7 @@ _TYPES = {"LaserScan": messages.LASER_SCAN, "PointCloud2": messages.POINT_CLOUD}
 class RawCloud:
     frame: str
     time: int
-    points: Points  # in the sensor's frame, shape (N, 3)
+    points: Metres  # in the sensor's frame, shape (N, 3)
 
 
 @records.dataclass(frozen=True, eq=False)
@@ -53,7 +51,7 @@ class RawScan:
     time: int
     geometry: tuple[float, float, float]  # angle_min, angle_max, angle_increment as float32
     limits: tuple[float, float]
-    ranges: NDArray[np.float32]
+    ranges: Metres
 
 
 def _raw_scan(message: Any) -> RawScan:
@@ -68,7 +66,7 @@ def _header_of(message: Any) -> tuple[str, int]:
 
 
 class ScanProjector:
-    """Points of scans, as ``LaserProjection::projectLaser`` of laser_geometry computes them."""
+    """Metres of scans, as ``LaserProjection::projectLaser`` of laser_geometry computes them."""
 
     # It keeps its table of cosines while the number of beams and the first and last angle are
     # equal, even if the step between beams changes.
@@ -76,7 +74,7 @@ class ScanProjector:
         self._key: tuple[float, ...] = ()
         self._directions = np.empty((0, 2))
 
-    def points(self, scan: RawScan, *, inf_is_valid: bool) -> Points:
+    def points(self, scan: RawScan, *, inf_is_valid: bool) -> Metres:
         """Return the points of all valid readings, shape (N, 3)."""
         start, end, step = scan.geometry
         if (key := (len(scan.ranges), start, end)) != self._key:
@@ -93,7 +91,7 @@ class ScanProjector:
         return points
 
 
-def transformed(points: Points, rigid: Rigid) -> Floats:
+def transformed(points: Metres, rigid: Rigid) -> Floats:
     """Return float32 points in another frame, rounded as Eigen rounds them in tf2_sensor_msgs."""
     x, y, z = points.T
     with np.errstate(invalid="ignore", over="ignore"):
@@ -128,7 +126,7 @@ class LiveCostmap:
 
     def __init__(
         self, place: LivePlace, layers: Sequence[LiveLayer], default_cost: int,
-        footprint: Footprint, occupancy: NDArray[np.int8] | None,
+        footprint: Footprint, occupancy: SignedBytes | None,
     ) -> None:  # fmt: skip
         self.frame, self.layers = place.frame, layers
         self._place, self._default_cost, self._footprint = place, default_cost, footprint
@@ -404,7 +402,7 @@ class ReplayReport(run.RunReport):
         return self.why
 
 
-Reasons = Iterable[tuple[NDArray[np.bool_] | bool, str]]
+Reasons = Iterable[tuple[Mask | bool, str]]
 """Which readings a reason applies to, and the reason; the first one that applies counts."""
 
 
@@ -551,9 +549,7 @@ class CellWatch:
         return f"{text}; {readings} pointed at it since, and none cleared it: {listed}"
 
 
-def _count(
-    counter: Counter[str], selected: NDArray[np.bool_], reasons: Reasons, no_reason: str
-) -> None:
+def _count(counter: Counter[str], selected: Mask, reasons: Reasons, no_reason: str) -> None:
     for applies, reason in reasons:
         counter[reason] += int(np.count_nonzero(selected & applies))
         selected = selected & np.logical_not(applies)

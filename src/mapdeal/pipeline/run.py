@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -473,8 +472,9 @@ def apply_to_file(
                 from mapdeal.pictures.cost_curve import cost_curve_image  # few ask
 
                 title = one_line(f"{path.stem}: {step.title}")
-                draw = partial(cost_curve_image, costs, title=title)
-                folders.write_image(transaction, curve, draw)
+                folders.write_image(
+                    transaction, curve, lambda: cost_curve_image(costs, title=title)
+                )
             figures = grid.figures()
             if remark := step.remark_on(figures):
                 emit_warning(f"{path}: {remark}")

@@ -18,7 +18,6 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -355,7 +354,7 @@ def load_server(
         except MalformedInputError as error:
             problems.append(robot.syntax_problem(error, path))
     nodes_by_file = [_nodes_in(file.parameters) for file in files]
-    node, problem = _select_node(list(chain.from_iterable(nodes_by_file)), namespace)
+    node, problem = _select_node([path for nodes in nodes_by_file for path in nodes], namespace)
     server = Ros1Server(node, costmap, tuple(files), problems=problems)
     if problem is not None:
         problems.append(problem)

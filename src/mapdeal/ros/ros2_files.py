@@ -18,7 +18,6 @@ import hashlib
 import math
 import re
 from bisect import insort
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -109,10 +108,10 @@ class Ros2Node:
         self.source, self.line = source, line
         self.slots: list[Slot] = []
         self.entries: tuple[tuple[str, ParameterValue], ...] = ()  # set after all files are read
-        self._places: dict[str, list[int]] = defaultdict(list)
+        self._places: dict[str, list[int]] = {}
 
     def find(self, name: str, unset: ParameterValue) -> int:
-        if not (places := self._places[name]):
+        if not (places := self._places.setdefault(name, [])):
             self.slots.append(Slot(name, unset))
             places.append(len(self.slots) - 1)
         return places[0]
@@ -121,7 +120,7 @@ class Ros2Node:
         slot = self.slots[index]
         self._places[slot.name].remove(index)
         slot.name = name
-        insort(self._places[name], index)
+        insort(self._places.setdefault(name, []), index)
 
 
 class FileReader:
