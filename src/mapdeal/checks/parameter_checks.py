@@ -16,8 +16,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mapdeal import errors, records
 from mapdeal.checks.facts import FilterFacts, PlannerFacts, RobotFacts, check
 from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks, findings_on
@@ -560,7 +558,7 @@ def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
     """
     robots = [robot for robot in (facts.robot, facts.sibling) if robot is not None]
     radii = [(robot.inscribed_radius, robot.circumscribed_radius) for robot in robots]
-    if np.ptp(radii, axis=0).max() > _SAME_RADIUS:
+    if any(max(both) - min(both) > _SAME_RADIUS for both in zip(*radii, strict=True)):
         shapes = " and ".join(
             f"in the {robot.costmap} one {inner:.4g} m and {outer:.4g} m"
             for robot, (inner, outer) in zip(robots, radii, strict=True)

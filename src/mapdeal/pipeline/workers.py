@@ -53,7 +53,6 @@ class ProcessWorkers:
 
     @contextmanager
     def started(self, size: int, work: Work) -> Iterator[Submit]:
-        """Run processes within a ``with`` block; an exception in it stops them early."""
         with ExitStack() as stack:
             with _start_errors_converted():
                 context = _context()
@@ -213,7 +212,6 @@ def _watch(lifeline: connection.Connection) -> NoReturn:
 
 
 def _stop(*_: object) -> None:
-    """Exit immediately, or unwind the job in progress."""
     global _is_stopping
     if not _is_busy:
         os._exit(_STOPPED)

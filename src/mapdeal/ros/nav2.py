@@ -455,11 +455,10 @@ def _is_meant_for(entry: Ros2Node, node: str) -> bool:
     """Return whether an entry is for the node by its name, or by parameters of costmaps only."""
     is_named = node.rpartition("/")[2] in entry.name.split("/")
     parameters = (name for name, _ in entry.entries)
-    return matches(entry.name, node) and (is_named or any(map(_is_costmap_parameter, parameters)))
+    return matches(entry.name, node) and (is_named or any(map(_is_only_of_costmaps, parameters)))
 
 
-def _is_costmap_parameter(name: str) -> bool:
-    """Return whether a parameter below a wildcard can only be one of a costmap."""
+def _is_only_of_costmaps(name: str) -> bool:
     first, dot, _ = name.partition(".")
     return first in _DEFAULTS if dot else name in DECLARED and name not in _SHARED
 
