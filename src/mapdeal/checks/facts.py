@@ -21,11 +21,9 @@ from mapdeal.grid.frame import Frame, Point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, Passage, Reach
 from mapdeal.grid.values import FREE, OCCUPIED
-from mapdeal.kernels import components, engine, lookup
+from mapdeal.kernels import blocks, components, engine, lookup
 from mapdeal.kernels.arrays import Integers, Mask, SignedBytes
-from mapdeal.kernels.blocks import blocks_of
-from mapdeal.maps import dialects, formats, images, kinds, map_file, map_server, reading
-from mapdeal.maps.picture import Picture, Strips, opaque_greys
+from mapdeal.maps import dialects, formats, images, kinds, map_file, map_server, picture, reading
 from mapdeal.ros import filters, load
 from mapdeal.ros.robot import ParameterValue, RobotParameters
 
@@ -86,10 +84,10 @@ class CellTallies:
         self._known_rows[first:stop] = band.max(axis=1) >= 0
         self._known_cols |= band.max(axis=0) >= 0
         self._free_cols[first:stop] = free[:, [0, -1]]
-        blocks = np.arange(first, stop) // self.pooling
+        pooled_rows = np.arange(first, stop) // self.pooling
         for pooled, layer in zip(self._pooled, (band == OCCUPIED, free), strict=True):
             starts = np.arange(0, self.shape[1], self.pooling)
-            np.add.at(pooled, blocks, np.add.reduceat(layer, starts, axis=1, dtype=np.int32))
+            np.add.at(pooled, pooled_rows, np.add.reduceat(layer, starts, axis=1, dtype=np.int32))
         for side, row in enumerate((0, height - 1)):
             if first <= row < stop:
                 self._free_rows[side] = free[row - first]
@@ -176,13 +174,13 @@ class PixelTallies:
         self._pixel_count = 0
         self._greys = np.zeros(256, dtype=np.int64)  # pixels of each opaque grey or index
 
-    def add(self, picture: Picture) -> None:
+    def add(self, strip: picture.Picture) -> None:
         """Count the pixels of the next rows; all opaque ones of a grey are read at the end."""
-        self._kind = picture
-        grey, is_other = picture.greys_and_exceptions()
+        self._kind = strip
+        grey, is_other = strip.greys_and_exceptions()
         opaque = grey
         if is_other.any():
-            exceptions = picture.only(is_other)
+            exceptions = strip.only(is_other)
             self._tally(exceptions, np.ones(exceptions.shape[1], dtype=np.int64))
             opaque = grey[~is_other][np.newaxis]
         if grey.dtype == np.uint8:
@@ -197,7 +195,7 @@ class PixelTallies:
         self._greys[: len(counts)] += counts
 
     def finish(self) -> None:
-        row = opaque_greys(self._kind)
+        row = picture.opaque_greys(self._kind)
         is_used = np.zeros(row.shape, dtype=np.bool_)
         is_used[0, : len(self._greys)] = self._greys[: row.shape[1]] > 0
         if is_used.any():
@@ -212,7 +210,7 @@ class PixelTallies:
     def counts(self) -> dict[dialects.Dialect, dict[str, int]]:
         return {name: cell_states(values) for name, values in self.byte_counts.items()}
 
-    def _tally(self, pixels: Picture, counts: Integers) -> None:
+    def _tally(self, pixels: picture.Picture, counts: Integers) -> None:
         """Add a row of pixels, each as often as its count."""
         self.size += int(counts.sum())
         if pixels.colour == "grey" and pixels.maxval == 255:
@@ -291,7 +289,7 @@ class GridFacts:
     @classmethod
     def of(cls, grid: OccupancyGrid) -> GridFacts:
         tallies = CellTallies(grid.shape)
-        for block in blocks_of(grid.occupancy):
+        for block in blocks.blocks_of(grid.occupancy):
             tallies.add(grid.occupancy[block])
         return cls(grid.frame, tallies)
 
@@ -378,7 +376,7 @@ class PairFacts:
     entries: dict[str, Entry]
     metadata: dialects.MapMetadata
     image_path: Path
-    kind: Picture
+    kind: picture.Picture
     pixels: PixelTallies
     frame: Frame
     comments: list[str] = records.field(default_factory=list)
@@ -473,8 +471,8 @@ def _warn_of_view(path: Path, scale: field.ViewScale) -> None:
 
 
 def _count_pixels(
-    strips: Strips, metadata: dialects.MapMetadata, image: Path
-) -> tuple[Picture, PixelTallies, CellTallies | None]:
+    strips: picture.Strips, metadata: dialects.MapMetadata, image: Path
+) -> tuple[picture.Picture, PixelTallies, CellTallies | None]:
     """Return a picture's kind, the tallies of its pixels and, unless it has costs, of its cells."""
     pixels = PixelTallies(metadata)
     cells = None
