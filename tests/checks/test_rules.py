@@ -10,11 +10,10 @@ from mapdeal.checks.findings import (
     Finding,
     LintConfig,
     find_lint_config,
-    read_ignored_names,
     read_lint_config,
     selection_of,
 )
-from mapdeal.checks.lint import lint_file  # noqa: F401 - lists all checks
+from mapdeal.checks.lint import lint_file, read_ignored_names  # noqa: F401 - lists all checks
 from mapdeal.errors import MalformedInputError, ParameterError
 
 NAMES = [

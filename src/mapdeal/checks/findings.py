@@ -13,7 +13,7 @@ from typing import Any, Literal
 from mapdeal import compatibility, records
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, one_line
 from mapdeal.files.source import exists, is_folder, normal_path, read_file
-from mapdeal.files.yaml_text import OF_MAPS, Entry
+from mapdeal.files.yaml_text import Entry
 from mapdeal.grid.frame import Point
 from mapdeal.ros.robot import ParameterValue
 
@@ -54,6 +54,11 @@ class Finding:
         """Return ``FILE:LINE: SEVERITY: CHECK: MESSAGE``, as ``mapdeal lint`` prints it."""
         place = self.file if self.line is None else f"{self.file}:{self.line}"
         return one_line(f"{place}: {self.severity}: {self.check}: {self.message}")
+
+    @staticmethod
+    def of_error(error: FileAccessError | MalformedInputError, path: Path) -> Finding:
+        name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
+        return CHECKS[name].finding(path, str(error).removeprefix(f"{path}: "))
 
 
 @records.dataclass(frozen=True)
@@ -97,11 +102,6 @@ class Check:
     ) -> Finding:  # fmt: skip
         points = tuple((round(x, _DECIMALS) + 0.0, round(y, _DECIMALS) + 0.0) for x, y in places)
         return Finding(self.name, self.severity, str(file), message, line, points)
-
-
-def error_finding(error: FileAccessError | MalformedInputError, path: Path) -> Finding:
-    name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
-    return CHECKS[name].finding(path, str(error).removeprefix(f"{path}: "))
 
 
 CHECKS: dict[str, Check] = {}  # all checks by name, in the order in which they run
@@ -302,8 +302,6 @@ declare_checks(
 
 OWN_FILE, PYPROJECT = "mapdeal.toml", "pyproject.toml"
 _LARGEST = 1 << 20
-_IGNORE = re.compile(r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?")
-_NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*")
 _KEYS = ("select", "ignore", "strict")
 
 
@@ -363,23 +361,6 @@ def _check_table(table: Any, known: Sequence[str], path: Path, prefix: str) -> N
         if key in _KEYS:  # a key of lint in the table above
             hint = f"it belongs in the table [{prefix}lint]"
         raise ParameterError("unknown key", source=path, place=f"{prefix}{key}", hint=hint)
-
-
-def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> tuple[str, ...]:
-    # No YAML parser: comments count in malformed files, too. They begin a line or follow a space.
-    try:
-        data = read_file(path, limit=limit)
-    except (FileAccessError, MalformedInputError):
-        return ()
-    lines = data.decode("utf-8-sig", "replace").splitlines()
-    names = []
-    for comment in filter(None, map(_IGNORE.search, lines)):
-        for part in comment.string[comment.end() :].split(","):
-            name = _NAME.match(part)
-            names += [name[1]] if name else []
-            if not name or name.end() < len(part):
-                break
-    return tuple(names)
 
 
 EVERYTHING = "all"

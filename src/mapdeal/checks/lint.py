@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -21,25 +22,19 @@ from urllib.parse import quote_from_bytes
 from mapdeal import command, errors as mapdeal_errors, records
 from mapdeal.checks import map_checks, parameter_checks
 from mapdeal.checks.facts import MaskFacts, RoomFacts, gather, gather_rooms
-from mapdeal.checks.findings import (
-    CHECKS,
-    SEVERITIES,
-    Check,
-    Finding,
-    Severity,
-    error_finding,
-    findings_on,
-    read_ignored_names,
-)
+from mapdeal.checks.findings import CHECKS, SEVERITIES, Check, Finding, Severity, findings_on
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
 from mapdeal.files.json_values import point_document
-from mapdeal.files.source import absolute_path, is_folder, normal_path
+from mapdeal.files.source import absolute_path, is_folder, normal_path, read_file
+from mapdeal.files.yaml_text import OF_MAPS
 from mapdeal.grid import frame, values
 from mapdeal.maps.formats import format_of
 from mapdeal.ros.robot import CostmapName
 
 LEFT_OUT = "lint.left-out"
 _LARGEST_PARAMETERS = 1 << 20  # bytes of a robot's parameter file
+_IGNORE = re.compile(r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?")
+_NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*")
 
 
 def lint_file(
@@ -74,6 +69,23 @@ class Findings:
     ignored_names: tuple[str, ...] = ()  # in its comments
 
 
+def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> tuple[str, ...]:
+    # No YAML parser: comments count in malformed files, too. They begin a line or follow a space.
+    try:
+        data = read_file(path, limit=limit)
+    except (FileAccessError, MalformedInputError):
+        return ()
+    lines = data.decode("utf-8-sig", "replace").splitlines()
+    names = []
+    for comment in filter(None, map(_IGNORE.search, lines)):
+        for part in comment.string[comment.end() :].split(","):
+            name = _NAME.match(part)
+            names += [name[1]] if name else []
+            if not name or name.end() < len(part):
+                break
+    return tuple(names)
+
+
 def check_map(path: Path, max_cells: int | None, radius: float | None = None) -> Findings:
     try:
         findings = lint_file(path, max_cells=max_cells, radius=radius)
@@ -98,7 +110,9 @@ def check_parameters(
         by_file = parameter_checks.lint_parameters(paths, costmap, namespace, map_frames)
     except FileAccessError as error:
         faulty = Path(error.source) if error.source is not None else paths[-1]
-        by_file = {path: [error_finding(error, faulty)] if path == faulty else [] for path in paths}
+        by_file = {
+            path: [Finding.of_error(error, faulty)] if path == faulty else [] for path in paths
+        }
     return {
         path: Findings(tuple(findings), read_ignored_names(path, _LARGEST_PARAMETERS))
         for path, findings in by_file.items()
@@ -166,8 +180,7 @@ class LintReport(command.Result, Sequence[Finding]):
     Parameters
     ----------
     maps : tuple of MapReport
-        One report per map, in the order in which the maps were given; a robot's parameter files
-        come first.
+        One report per map, in the order of the maps given; a robot's parameter files come first.
     version : str
         Version of mapdeal.
     form : {'text', 'json', 'github', 'sarif', 'junit'}

@@ -623,8 +623,7 @@ def lint_parameters(
     paths: Sequence[Path], costmap: CostmapName | None = None, namespace: str | None = None,
     map_frames: Sequence[tuple[str, Frame]] = (),
 ) -> dict[Path, list[Finding]]:  # fmt: skip
-    flavour = load.flavour_of(paths)
-    names = load.costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
+    names = load.costmaps_in(paths, namespace) if costmap is None else (costmap,)
     costmaps = [_Costmap(n, *load.load_robot(paths, costmap=n, namespace=namespace)) for n in names]
     present = [item for item in costmaps if not item.is_absent] or costmaps[:1]
     by_costmap: dict[CostmapName, list[Finding]] = {}
@@ -635,7 +634,7 @@ def lint_parameters(
         by_costmap[item.name] = [finding_of(problem, default_file) for problem in problems]
         by_costmap[item.name] += _check(paths, item, sibling, map_frames)
     findings = list(_with_costmap_names(by_costmap))
-    if flavour == "nav2":
+    if any(map(load.is_ros2, paths)):
         robot = next((item.robot for item in present if item.name == "global"), None)
         findings += _planner_findings(paths, robot, map_frames)
     by_file: dict[Path, list[Finding]] = {path: [] for path in paths}

@@ -154,7 +154,6 @@ class DiffReport(difference.Difference, Result):
         yield from (f"  bound     {bound.text}" for bound in self.bounds)
 
     def drawn(self, *, title: str | None = None, **look: Any) -> canvas.Image:
-        """Return the picture of `changes`."""
         shown = one_line(title or self.title)
         return comparisons.difference_image(self.changes, self.frame, title=shown, **look)
 
@@ -465,7 +464,6 @@ class RobotDiff(Result):
         return ", ".join(texts) or "no passage closes or opens"
 
     def document(self) -> dict[str, Any]:
-        """Return what ``--json`` prints."""
         first, second = self.reaches
         return {
             "format": ROBOT_DIFF_FORMAT, "map": self.map.document(),
@@ -513,7 +511,6 @@ class RobotDiff(Result):
         return text
 
     def drawn(self, *, title: str | None = None, **look: Any) -> canvas.Image:
-        """Return the picture of the changes of the costs."""
         shown = title or f"{self.map.title}, {' and '.join(self.names)}: {self.verdict}"
         return costs_image(self.costs, title=one_line(shown), before=self.reach_text(), **look)
 

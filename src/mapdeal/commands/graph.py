@@ -79,13 +79,11 @@ class PlannedGraph(Result):
         yield f"{text}least clearance {self.min_clearance:.2f} m"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> canvas.Image:
-        """Return the graph over the map."""
         look = {"image_extent": "known", **look, "overlay": GraphOverlay(self.graph)}
         title = title or f"{self.map.title}: route graph"
         return layers.occupancy_image(self.reach.grid, title=title, **look)
 
     def write(self, transaction: Any, output: Path) -> None:
-        """Write the graph as GeoJSON."""
         write_graph(transaction, output, self.graph)
 
 

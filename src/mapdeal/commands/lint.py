@@ -15,7 +15,7 @@ import numpy as np
 from mapdeal import errors
 from mapdeal.checks import lint as checks, map_checks, parameter_checks
 from mapdeal.checks.facts import PairFacts, RoomFacts, gather, without_rounding_noise
-from mapdeal.checks.findings import CHECKS, Finding, Selections, named_checks, read_ignored_names
+from mapdeal.checks.findings import CHECKS, Finding, Selections, named_checks
 from mapdeal.checks.lint import LintReport, MapReport, ReportForm, repair_lines
 from mapdeal.command import AT_LEAST_1, Output, Words, command
 from mapdeal.commands.mask import info_of, mask_facts, read_mask
@@ -369,7 +369,7 @@ class _Lint:
             inputs.refuse(f"applies to keepout masks, not to {info.kind}", **ends)
         facts = mask_facts(map_read, mask.grid, info, pair=pair, robot=robot, **ends)
         findings = tuple(checks.lint_mask(path, facts))
-        return self._report(path, checks.Findings(findings, read_ignored_names(path)))
+        return self._report(path, checks.Findings(findings, checks.read_ignored_names(path)))
 
     def _report(self, path: Path, found: checks.Findings, **kind: Any) -> MapReport:
         selection = self.selections.of(path)

@@ -225,7 +225,6 @@ class PlanReport(Spread):
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
-        """Rows of a table, one for each goal."""
         head = self.work.source.name, str(self.work.robot.paths[-1])
         plans = ((plan.goal.label, plan.verdict, plan.best_change or "-") for plan in self.goals)
         return [(*head, *row) for row in plans]

@@ -94,7 +94,6 @@ class PlannedRoute(Route, Spread):
         yield text if self.reached else f"{ending}: {text}"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> canvas.Image:
-        """Return the route over the costs."""
         if title is None:
             title = f"{self.map.title}: route, {self.method}"
             has_field = self.method == "astar" and not self.optimal

@@ -312,8 +312,7 @@ def footprint_costs(
     footprint : Footprint
         Robot shape. A circle is treated as `Footprint.sixteen_gon`, as in Nav2.
     poses : array_like of float, shape (N, 3)
-        Poses of the robot's centre in the map frame, or a single pose: x, y (metres) and yaw
-        (radians).
+        Poses of the robot's centre in the map frame, or one pose: x, y (metres) and yaw (radians).
     rule : {'outline', 'full'}
         Cells that count: those of the outline only, as in Nav2, or all cells of the footprint.
 

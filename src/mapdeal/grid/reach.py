@@ -314,13 +314,11 @@ class Route(OneLineRepr):
     start, goal : tuple of float
         x and y in the map frame, metres.
     points_xy : numpy.ndarray of float64, shape (N, 2)
-        Points of the route in the map frame, beginning at the start, metres; empty if there is no
-        route.
+        Points of the route in the map frame, from the start, metres; empty if there is no route.
     length : float
         Length of the route, metres.
     cost : float
-        Sum over the segments of their length in metres times the weight of the cell in which they
-        end.
+        Sum over the segments of length in metres times the weight of the cell where they end.
     min_clearance : float
         Smallest distance from a point of the route to the centre of an obstacle cell, metres;
         +inf without obstacles, nan without points.

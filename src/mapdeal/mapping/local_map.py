@@ -31,8 +31,7 @@ class LocalOptions:
     Parameters
     ----------
     frame : {'robot', 'map'}
-        Frame of the cloud's coordinates: the robot's, with x ahead and y to the left, or already
-        the map's.
+        Frame of the cloud's coordinates: the robot's, with x ahead and y to the left, or the map's.
     offset : tuple of float
         x and y to subtract from the points' coordinates in the map frame, metres.
     size : tuple of float

@@ -629,8 +629,7 @@ def write_bit_map(path: Path | str, bits: BitMap, *, force: bool = False) -> Non
     Raises
     ------
     FileAccessError
-        If a file exists and `force` is not set, or a file cannot be written; nothing is changed
-        then.
+        If a file exists and `force` is not set, or cannot be written; nothing is changed then.
     """
     output = Path(path)
     with Transaction(bit_map_paths(output), force=force) as transaction:

@@ -167,8 +167,7 @@ def write_map(
     Raises
     ------
     FileAccessError
-        If a file exists and `force` is not set, or a file cannot be written; nothing is changed
-        then.
+        If a file exists and `force` is not set, or cannot be written; nothing is changed then.
     ParameterError
         If the suffix, mode or encoding is unknown or does not fit the grid.
     """

@@ -121,7 +121,8 @@ def flavour_of_file(path: Path) -> Flavour | None:
 
     with suppress(MapdealError):
         kind = kind_of(path) if exists(path) and not is_folder(path) else None
-        return None if kind is None or kind.name != PARAMETERS else flavour_of([path])
+        if kind is not None and kind.name == PARAMETERS:
+            return "nav2" if is_ros2(path) else "ros1"
     return None
 
 
@@ -191,14 +192,8 @@ def _line_of(problem: Problem, paths: Sequence[Path]) -> str:
     return f"{text}; {problem.hint}" if problem.hint else text
 
 
-def flavour_of(paths: Sequence[Path]) -> Flavour:
-    return "nav2" if any(is_ros2(path) for path in paths) else "ros1"
-
-
-def costmaps_in(
-    paths: Sequence[Path], flavour: Flavour, namespace: str | None
-) -> tuple[CostmapName, ...]:
-    if flavour == "nav2":
+def costmaps_in(paths: Sequence[Path], namespace: str | None) -> tuple[CostmapName, ...]:
+    if any(map(is_ros2, paths)):
         return ("global", "local")
     server, _ = ros1.load_server(paths, "global", namespace)
     return ros1.costmaps_named(server.files) or ("global",)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -411,7 +411,8 @@ def _nodes_in(namespace: Ros1Namespace) -> list[_Path]:
 
 def _select_node(paths: Sequence[_Path], namespace: str | None) -> tuple[_Path, Problem | None]:
     relative_paths = {tuple(name for name in path if name != _ROOT) for path in paths}
-    nodes = [path for path in sorted(relative_paths) if not _is_suffix(path, relative_paths)]
+    ends = {path[start:] for path in relative_paths for start in range(1, len(path) + 1)}
+    nodes = sorted(relative_paths - ends - {()})
     requested = tuple(part for part in (namespace or "").split("/") if part)
     spaces = {path[:-1] for path in nodes}
     if requested in spaces and namespace is not None:
@@ -428,11 +429,6 @@ def _select_node(paths: Sequence[_Path], namespace: str | None) -> tuple[_Path, 
         choice = f"choose one with --namespace {'/'.join(nodes[0][:-1])}" if spaces - {()} else None
         return nodes[0], Problem("params.namespace", "refused", text, hint=choice)
     return (nodes[0] if nodes else (*requested, _NODE)), None
-
-
-def _is_suffix(path: _Path, paths: Iterable[_Path]) -> bool:
-    """Return whether another path ends with a path; the empty path is a suffix of all."""
-    return not path or any(longer[-len(path) :] == path for longer in paths if longer != path)
 
 
 def _place_of(nodes: Sequence[_Path], node: _Path, costmap: CostmapName) -> _Path:

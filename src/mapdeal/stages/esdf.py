@@ -116,8 +116,7 @@ def field_view(
     view : {'metric', 'per-map'}
         How distances become 0..100. ``metric``: trunc(100 (1 - min(d, view_range) /
         view_range)), the same on every map. ``per-map``: trunc(100 (D - d) / (D - resolution + I)),
-        scaled between the map's own largest free distance D and deepest obstacle I, as in
-        robot_costmap.
+        scaled between the map's largest free distance D and deepest obstacle I (robot_costmap).
     view_range : float
         Distance at which the metric view is 0, metres.
 

@@ -324,8 +324,7 @@ def rescale(
     Raises
     ------
     ParameterError
-        If the resolution is not allowed, the rule is unknown, or the result would have too many
-        cells.
+        If the resolution is not allowed, the rule unknown, or the result would have too many cells.
 
     Examples
     --------

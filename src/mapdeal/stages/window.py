@@ -144,8 +144,7 @@ def window(
         Extent along columns and rows, metres. It is rounded up to whole cells.
     corner_xy : tuple of float, optional
         Corner at the first cell, map frame, metres: the lower left one if the map has no yaw. The
-        window begins at the cell that contains it, so that cells keep their places whatever the
-        yaw.
+        window begins at the cell that contains it, so that cells keep their places at any yaw.
     center_xy : tuple of float, optional
         Centre of the window, map frame, metres, instead of its corner.
     default : int, optional
