@@ -115,7 +115,7 @@ def cells_at(places_rowcol: ArrayLike, tolerance: ArrayLike) -> NDArray[np.int64
     return np.floor(np.asarray(places_rowcol) + tolerance).astype(np.int64)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Frame:
     """The geometry of a grid: its size and its place in the map frame.
 
@@ -344,7 +344,7 @@ def _stepped(start: float, steps: int, step: float) -> float:
     return float(Decimal(repr(start)) + steps * Decimal(repr(step)))
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, repr=False)
 class Transform(OneLineRepr):
     """A rigid transform from one map frame to another: p_to = R(yaw) p_from + (x, y).
 

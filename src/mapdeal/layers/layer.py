@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Protocol, get_type_hints
 
 import numpy as np
 
+from mapdeal import records
 from mapdeal.command import split_optional
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
@@ -104,7 +105,7 @@ class Update:
     bounds: Bounds
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class LivePlace:
     frame: Frame  # before the first update
     map_frame: Frame | None  # of the map of static layers, in the costmap's frame of reference
@@ -167,7 +168,7 @@ class Ros1Values(Protocol):
     ) -> None: ...  # fmt: skip
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class PluginEntry:
     """An entry of a costmap's list of plugins, with the robot's inscribed radius, metres."""
 
