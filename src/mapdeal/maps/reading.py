@@ -110,6 +110,7 @@ def read_map(
 
     Examples
     --------
+    >>> from mapdeal import OccupancyGrid
     >>> read_map("examples/maps/office.yaml", OccupancyGrid).shape
     (544, 544)
     """
