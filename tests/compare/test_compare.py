@@ -407,3 +407,13 @@ def generated(folder):
     table = np.zeros(256, np.int8)
     table[[0, 205, 254]] = 100, -1, 0
     return [OccupancyGrid(table[states], *place) for states, *place in (estimate, truth)]
+
+
+@pytest.mark.parametrize(("name", "reason"), [
+    ("dist_est_to_truth_m.mean", "one of the maps has no walls to measure"),
+    ("ssim_gauss", "the truth is smaller than a window"),
+    ("coverage_free", "the truth has no such cells"),
+    ("iou_free", "there are no such cells"),
+])  # fmt: skip
+def test_figures_that_are_missing_are_explained(name, reason):
+    assert score.why_missing(name, {"known_in_both": 5}) == reason
