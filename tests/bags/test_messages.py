@@ -76,6 +76,7 @@ def test_costs_keep_their_scale():
     message = created(costmap(1, [[0, 253, 255]], 0.25, (1, 2, 0.5)))
     raw = grid_of(message, messages.NAV2_COSTMAP, is_costs=True)
     assert (raw.scale, raw.cost.tolist(), raw.resolution) == ("costmap2d", [[0, 253, 255]], 0.25)
+    assert messages.from_msg(message).cost.tolist() == raw.cost.tolist()
 
 
 def test_an_origin_without_rotation_is_not_turned():
