@@ -6,6 +6,7 @@ import math
 import shutil
 import struct
 import subprocess
+import threading
 import zlib
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import mapdeal
 from mapdeal import OccupancyGrid, esdf
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.blocks import lazy_layer
-from mapdeal.kernels.threads import use_threads
+from mapdeal.kernels.threads import Worker, use_threads
 from mapdeal.pictures.colours import LayerStyle
 from mapdeal.report import tiles
 from mapdeal.report.document import PageLayer
@@ -368,3 +369,11 @@ def test_the_page_reads_what_is_written(tmp_path):
             found = np.frombuffer(base64.b64decode(tile["values"]), dtype=expected.dtype)
             np.testing.assert_array_equal(found.reshape(expected.shape), expected)
     assert next(tiles, None) is None
+
+
+def test_threads_that_compress_tiles_start_no_further_threads(monkeypatch):
+    starters, start = set(), Worker.start
+    monkeypatch.setattr(Worker, "start", lambda w: starters.add(threading.get_ident()) or start(w))
+    with use_threads(2):
+        encoded([_layer(np.zeros((1024, 512), np.uint8), rank=np.arange(256))], size=ROOM)
+    assert starters == {threading.get_ident()}

@@ -310,7 +310,7 @@ def _without_finest(layer: EncodedLayer, count: int) -> EncodedLayer:
 
 
 def _tile(cells: Cells, codings: Sequence[Coding], order: Bytes | None, compression: int) -> bytes:
-    values = cells if order is None else look_up(cells, order)
+    values: Cells = cells if order is None else order[cells]  # `look_up` would start threads
     data = packed(values, codings) if codings else values.tobytes()
     return b64encode(zlib.compress(data, compression))
 
