@@ -11,8 +11,8 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 
-from mapdeal import command as definitions, records
-from mapdeal.command import AT_LEAST_0, CELLS, METRES, PERCENT, Result, Words
+from mapdeal import records
+from mapdeal.command import AT_LEAST_0, CELLS, METRES, PERCENT, Result, Words, accepted_by, command
 from mapdeal.commands import two_maps
 from mapdeal.commands.reach import COSTS_PER_CELL, StartOption, goals_in, goals_of, reach_on_input
 from mapdeal.compare import difference, score as scoring
@@ -259,7 +259,7 @@ def diff(
     1
     """
     values = {"tolerance": tolerance, "max_shift": max_shift, "max_differing": max_differing}
-    limits = definitions.accepted_by(diff, values)
+    limits = accepted_by(diff, values)
     maps, move = two_maps.opened_in_one_frame(first, second, align=align, by=by, **reading)
     if two_maps.are_costs(maps):
         hint = "compare_costmaps compares costs"
@@ -666,7 +666,7 @@ def _parameters_of(robot: RobotParameters) -> dict[str, Any]:
     return described | {"layers": [layer["name"] for layer in layers]} | own
 
 
-@definitions.command(
+@command(
     name="diff",
     also={"": diff, "With --against": compare_robots},
     shared=("params_file", "costmap", "namespace", "against", "mask", "files"),
@@ -724,7 +724,7 @@ def differences(
     of_one = {"robot": robot, "against": against, "mask": mask, "start": start, "goals": goals}
     inputs.refuse("applies to one map", _TWO_ROBOTS, **of_one, points=points)
     align, by = parameters.pop("align", False), parameters.pop("by", None)
-    limits = definitions.accepted_by(diff, parameters)
+    limits = accepted_by(diff, parameters)
     try:
         maps, move = two_maps.opened_in_one_frame(first, second, align=align, by=by)
     except MalformedInputError as error:
