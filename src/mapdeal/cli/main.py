@@ -1,4 +1,4 @@
-"""The entry point: builds the command line, runs it, and turns errors into exit codes."""
+"""The entry point: builds the command line and its help, runs it, turns errors into exit codes."""
 
 import contextlib
 import errno
