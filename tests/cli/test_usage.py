@@ -21,6 +21,7 @@ def small(here):
 @pytest.mark.parametrize(("line", "error", "hint"), [
     ("edit polygn m.yaml", "no such command 'polygn'", "did you mean polygon?"),
     ("qqqq", "no such command 'qqqq'", "run mapdeal --help for usage"),
+    ("m.yaml", "no such command 'm.yaml'", "run mapdeal --help for usage"),
     ("inflate m.yaml --lethal_threshold 9", "no such option: --lethal_threshold",
      "did you mean --lethal-threshold?"),
     ("edit reset m.yaml --szie 1,1", "no such option: --szie", "did you mean --size?"),

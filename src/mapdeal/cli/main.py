@@ -48,7 +48,7 @@ class _LazyGroup(TyperGroup):
         if cmd_name in self.commands:
             return self.commands[cmd_name]
         package = "cli" if cmd_name == "completion" else "commands"
-        found = None if "_" in cmd_name else find_spec(f"mapdeal.{package}.{cmd_name}")
+        found = find_spec(f"mapdeal.{package}.{cmd_name}") if cmd_name.isalpha() else None
         if found is None and cmd_name not in command_names():
             return None
         from mapdeal.cli.apps import command_app
