@@ -66,7 +66,7 @@ def _header_of(message: Any) -> tuple[str, int]:
 
 
 class ScanProjector:
-    """Metres of scans, as ``LaserProjection::projectLaser`` of laser_geometry computes them."""
+    """Points of scans, as ``LaserProjection::projectLaser`` of laser_geometry computes them."""
 
     # It keeps its table of cosines while the number of beams and the first and last angle are
     # equal, even if the step between beams changes.
