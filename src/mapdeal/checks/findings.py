@@ -55,11 +55,6 @@ class Finding:
         place = self.file if self.line is None else f"{self.file}:{self.line}"
         return one_line(f"{place}: {self.severity}: {self.check}: {self.message}")
 
-    @staticmethod
-    def of_error(error: FileAccessError | MalformedInputError, path: Path) -> Finding:
-        name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
-        return CHECKS[name].finding(path, str(error).removeprefix(f"{path}: "))
-
 
 @records.dataclass(frozen=True)
 class Remark:
@@ -102,6 +97,11 @@ class Check:
     ) -> Finding:  # fmt: skip
         points = tuple((round(x, _DECIMALS) + 0.0, round(y, _DECIMALS) + 0.0) for x, y in places)
         return Finding(self.name, self.severity, str(file), message, line, points)
+
+    @staticmethod
+    def error_finding(error: FileAccessError | MalformedInputError, path: Path) -> Finding:
+        name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
+        return CHECKS[name].finding(path, str(error).removeprefix(f"{path}: "))
 
 
 CHECKS: dict[str, Check] = {}  # all checks by name, in the order in which they run

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mapdeal.checks.findings import CHECKS, Finding
+from mapdeal.checks.findings import CHECKS, Check, Finding
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.grid import reach, reaching, values
 from mapdeal.grid.footprint import Footprint
@@ -23,7 +23,7 @@ def check_graph(path: Path, grid: OccupancyGrid, robot: Footprint | None) -> lis
     try:
         file = read_graph_file(path)
     except (MalformedInputError, FileAccessError) as error:
-        return [Finding.of_error(error, path)]
+        return [Check.error_finding(error, path)]
     facts = _GraphFacts(path, file.graph, grid, robot)
     findings = [facts.finding(p.check, p.text, [p.point] if p.point else []) for p in file.problems]
     findings += facts.findings()

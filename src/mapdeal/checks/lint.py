@@ -110,9 +110,8 @@ def check_parameters(
         by_file = parameter_checks.lint_parameters(paths, costmap, namespace, map_frames)
     except FileAccessError as error:
         faulty = Path(error.source) if error.source is not None else paths[-1]
-        by_file = {
-            path: [Finding.of_error(error, faulty)] if path == faulty else [] for path in paths
-        }
+        by_file = {path: [] for path in paths}
+        by_file[faulty] = [Check.error_finding(error, faulty)]
     return {
         path: Findings(tuple(findings), read_ignored_names(path, _LARGEST_PARAMETERS))
         for path, findings in by_file.items()

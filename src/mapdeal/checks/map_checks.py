@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mapdeal.checks.facts import GridFacts, PairFacts, RoomFacts, check, without_rounding_noise
-from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks
+from mapdeal.checks.findings import CHECKS, Check, Finding, Remark, declare_checks
 from mapdeal.errors import FileAccessError, one_line
 from mapdeal.files import json_values, source
 from mapdeal.grid import costmap, filters
@@ -617,7 +617,7 @@ def lint_run(folder: Path) -> list[Finding]:
     try:
         _, files = source.contents_of(folder)
     except FileAccessError as error:
-        return [Finding.of_error(error, folder)]
+        return [Check.error_finding(error, folder)]
     manifest = json_values.read_json(folder / MANIFEST)
     outputs = manifest.get("outputs") if isinstance(manifest, dict) else None
     if not isinstance(outputs, dict) or not outputs:
