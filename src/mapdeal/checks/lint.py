@@ -19,11 +19,10 @@ from textwrap import TextWrapper
 from typing import Any, Literal, overload
 from urllib.parse import quote_from_bytes
 
-from mapdeal import command, errors as mapdeal_errors, records
+from mapdeal import command, errors, records
 from mapdeal.checks import map_checks, parameter_checks
 from mapdeal.checks.facts import MaskFacts, RoomFacts, gather, gather_rooms
 from mapdeal.checks.findings import CHECKS, SEVERITIES, Check, Finding, Severity, findings_on
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
 from mapdeal.files.json_values import point_document
 from mapdeal.files.source import absolute_path, is_folder, normal_path, read_file
 from mapdeal.files.yaml_text import OF_MAPS
@@ -48,7 +47,7 @@ def lint_file(
     if radius is not None and cells is not None:
         try:
             facts_by_type[RoomFacts] = gather_rooms(path, radius, max_cells=max_cells)
-        except MalformedInputError as error:  # too little memory; other checks read by strips
+        except errors.MalformedInputError as error:  # too little memory; other checks read strips
             text = f"{', '.join(checks_of(RoomFacts))}: {error.rule}"
             findings.append(CHECKS[LEFT_OUT].finding(path, text.removeprefix(f"{path}: ")))
     findings += findings_on(facts_by_type, path, {} if pair is None else pair.entries)
@@ -73,7 +72,7 @@ def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> tuple[str, ...
     # No YAML parser: comments count in malformed files, too. They begin a line or follow a space.
     try:
         data = read_file(path, limit=limit)
-    except (FileAccessError, MalformedInputError):
+    except (errors.FileAccessError, errors.MalformedInputError):
         return ()
     lines = data.decode("utf-8-sig", "replace").splitlines()
     names = []
@@ -89,11 +88,11 @@ def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> tuple[str, ...
 def check_map(path: Path, max_cells: int | None, radius: float | None = None) -> Findings:
     try:
         findings = lint_file(path, max_cells=max_cells, radius=radius)
-    except MapdealError as error:
+    except errors.MapdealError as error:
         return not_checked(path, str(error))
     except Exception as error:  # noqa: BLE001 - a bug must not stop the checks of other maps
         text = f"internal error: {type(error).__name__}: {error}; this is a bug in mapdeal"
-        return not_checked(path, str(mapdeal_errors.refusal_of_the_system(error) or text))
+        return not_checked(path, str(errors.refusal_of_the_system(error) or text))
     has_comments = not is_folder(path) and format_of(path).is_yaml
     return Findings(tuple(findings), read_ignored_names(path) if has_comments else ())
 
@@ -108,7 +107,7 @@ def check_parameters(
 ) -> dict[Path, Findings]:  # fmt: skip
     try:
         by_file = parameter_checks.lint_parameters(paths, costmap, namespace, map_frames)
-    except FileAccessError as error:
+    except errors.FileAccessError as error:
         faulty = Path(error.source) if error.source is not None else paths[-1]
         by_file = {path: [] for path in paths}
         by_file[faulty] = [Check.error_finding(error, faulty)]
@@ -197,7 +196,7 @@ class LintReport(command.Result, Sequence[Finding]):
     maps: tuple[MapReport, ...]
     version: str
     form: ReportForm = "text"
-    problems: tuple[MapdealError, ...] = ()
+    problems: tuple[errors.MapdealError, ...] = ()
     output: Path | None = None
     only_counts: bool = False
     explained: tuple[Check, ...] = ()
@@ -304,7 +303,7 @@ class LintReport(command.Result, Sequence[Finding]):
     def parts(self) -> Iterable[str]:
         if self.form not in ("text", "json"):
             rule = "cannot be given together with --json"
-            raise ParameterError(rule, source="--format", got=self.form)
+            raise errors.ParameterError(rule, source="--format", got=self.form)
         return super().parts()
 
     def lines(self) -> Iterator[str]:
@@ -346,7 +345,7 @@ def _annotation(finding: Finding) -> str:
 
 def repair_lines(report: LintReport) -> list[str]:
     lines = (f"{m.file}: repaired: {repair}" for m in report.maps for repair in m.repairs)
-    return list(map(mapdeal_errors.one_line, lines))
+    return list(map(errors.one_line, lines))
 
 
 def _junit_lines(report: LintReport) -> list[str]:
@@ -386,7 +385,7 @@ def _joined(findings: Iterable[Finding]) -> str:
 
 
 def _attribute(text: str) -> str:
-    return f'"{escape(mapdeal_errors.one_line(text))}"'
+    return f'"{escape(errors.one_line(text))}"'
 
 
 _SCHEMA = (
@@ -426,7 +425,7 @@ def _result(finding: Finding, index: int, report: MapReport) -> dict[str, Any]:
         "ruleId": finding.check,
         "ruleIndex": index,
         "level": finding.severity,
-        "message": {"text": mapdeal_errors.one_line(finding.message)},
+        "message": {"text": errors.one_line(finding.message)},
         "locations": [{"physicalLocation": location}],
         **({"properties": {"places": places}} if places else {}),
     }
