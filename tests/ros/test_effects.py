@@ -146,6 +146,8 @@ def test_long_texts_take_no_long_time():
 def test_padding_moves_each_coordinate_by_its_own_sign():
     padded = robot.padded_corners(((1.0, -2.0), (0.0, 3.0), (-1.0, 0.0)), 0.25)
     assert padded == ((1.25, -2.25), (0.0, 3.25), (-1.25, 0.0))
+    (corner,) = robot.padded_corners(((1.0, 0.0),), float("inf"))  # without a warning of numpy's
+    assert [*map(str, corner)] == ["inf", "nan"]  # which is refused later
 
 
 @pytest.mark.parametrize(("corners", "inscribed", "circumscribed"), [

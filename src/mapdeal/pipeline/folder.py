@@ -600,9 +600,8 @@ def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict
 
 def product_of(stage: str) -> str:
     own_name = "cost" if stage == "replay" else stage  # which is no stage of recipes
-    return next(
-        (stage_model.product for stage_model in catalogue.models_of(stage).values()), own_name
-    )
+    models = catalogue.models_of(stage).values()
+    return next((model.product for model in models), own_name)
 
 
 def _is_manifest(value: object) -> TypeGuard[dict[str, Any]]:

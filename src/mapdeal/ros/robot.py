@@ -161,7 +161,8 @@ def sixteen_corners(radius: float) -> Corners:
 
 def padded_corners(corners: Corners, padding: float) -> Corners:
     """Return the corners moved outwards, each coordinate by its own sign, as ``padFootprint``."""
-    padded = np.array(corners) + np.sign(corners) * padding
+    with np.errstate(invalid="ignore"):  # infinite padding of a coordinate of 0
+        padded = np.array(corners) + np.sign(corners) * padding
     return tuple((x, y) for x, y in padded.tolist())
 
 
