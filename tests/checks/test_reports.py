@@ -111,6 +111,9 @@ def test_sarif_has_relative_uris_below_the_working_directory(tmp_path, monkeypat
         for result in json.loads(report_text("sarif", report))["runs"][0]["results"]
     ]
     assert places == ["m.yaml", "m.yaml", "m.yaml", (tmp_path / "m.yaml").as_uri()]
+    (tmp_path / "sub").rmdir()  # a report does not fail without its working directory
+    gone = LintReport((map_report("m.yaml", ("map.specks",)),), "1")
+    assert '"uri": "m.yaml"' in report_text("sarif", gone)
 
 
 @pytest.mark.slow

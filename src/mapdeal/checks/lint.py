@@ -12,6 +12,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from html import escape
 from pathlib import Path, PurePath
@@ -433,8 +434,10 @@ def _result(finding: Finding, index: int, report: MapReport) -> dict[str, Any]:
 
 def _location(name: str, *, is_folder: bool) -> dict[str, str]:
     """Return a file's URI, relative to the working directory if the file is below it."""
-    path, folder = normal_path(Path(name)), absolute_path(Path())
-    path = path.relative_to(folder) if path.is_relative_to(folder) else path
+    path = Path(name)
+    with suppress(errors.FileAccessError):  # without a working directory, the name as it is
+        path, folder = normal_path(path), absolute_path(Path())
+        path = path.relative_to(folder) if path.is_relative_to(folder) else path
     uri = quote_from_bytes(os.fsencode(path.as_posix())) + "/" * is_folder
     if path.is_absolute():
         return {"uri": f"file://{'' if uri.startswith('/') else '/'}{uri}"}

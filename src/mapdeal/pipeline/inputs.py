@@ -126,10 +126,8 @@ def _read(file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: C
         raise _too_large(file.path, grid.shape, needed, budget)
     values, shape = grid.occupancy, grid.shape
     base = _base_bytes(shape, image_max) + values.nbytes
-    blocks = _block_plan(file.path, shape, steps, budget, base, needed=needed)
-    layer = lazy_layer(
-        shape, np.int8, lambda rows: values[rows], block_height=blocks.height, budget=blocks.cache
-    )
+    height, cache = _block_plan(file.path, shape, steps, budget, base, needed=needed)
+    layer = lazy_layer(shape, np.int8, lambda k: values[k], block_height=height, budget=cache)
     return records.replace(source, grid=grid.with_values(layer))
 
 
