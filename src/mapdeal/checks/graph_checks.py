@@ -106,8 +106,7 @@ class _GraphFacts:
         return f"node {number} lies {position}; the nearest open cell is at {x:.10g},{y:.10g}"
 
     def _blocked(self, is_closed: arrays.Mask) -> Iterator[Finding]:
-        graph = self.graph
-        ends = self.graph.ends
+        graph, ends = self.graph, self.graph.ends
         candidates = np.flatnonzero(~is_closed[ends].any(axis=1))
         ends_rowcol = self.frame.continuous_rowcol_from_xy(graph.points_xy)
         starts, stops = ends_rowcol[ends[candidates, 0]], ends_rowcol[ends[candidates, 1]]

@@ -302,6 +302,8 @@ class RollingRun:
     # skipped, and their clouds read only once a later map needs them.
 
     def __init__(self, jobs: Sequence[LocalJob], common: LocalCommon) -> None:
+        if common.keep is None:
+            raise errors.ParameterError("must be given", place="keep")
         known = common.global_map
         self._jobs, self._common = jobs, common
         self._keep = None if common.keep == "all" else common.keep
