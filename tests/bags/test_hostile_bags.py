@@ -339,18 +339,28 @@ def test_hostile_bags_take_no_more_than_the_limit(changed, tmp_path):
             assert peak < MEMORY + 20_000_000, (command, path.name, peak)
 
 
-def test_a_row_that_is_too_long_is_refused_in_a_cut_file_as_well(tmp_path):
-    path = tmp_path / "cut.db3"
+def cut_bag(path, *sizes):
     with contextlib.closing(sqlite3.connect(path)) as db:
         db.execute("CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format)")
         db.execute("CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data BLOB)")
         db.execute("INSERT INTO topics VALUES (1, '/scan', 'sensor_msgs/msg/LaserScan', 'cdr')")
-        db.execute("INSERT INTO messages VALUES (1, 1, 0, ?)", (bytes(6_000_000),))
+        db.executemany("INSERT INTO messages VALUES (?, 1, 0, zeroblob(?))", enumerate(sizes))
         db.commit()
     os.truncate(path, path.stat().st_size - 2048)
+    return contextlib.closing(SqliteBag(path))
+
+
+@pytest.mark.parametrize("sizes", [(6_000_000,), (1000, 6_000_000)])
+def test_a_row_that_is_too_long_is_refused_in_a_cut_file_as_well(tmp_path, sizes):
     with (
         pytest.warns(MapdealWarning, match="cut"), use_memory(60_000_000, is_chosen=True),
-        contextlib.closing(SqliteBag(path)) as bag,
-        pytest.raises(MalformedInputError, match="more memory"),
+        cut_bag(tmp_path / "a.db", *sizes) as bag, pytest.raises(MalformedInputError, match="more"),
     ):  # fmt: skip
         list(bag.pieces([1]))
+
+
+def test_a_cut_file_is_warned_of_once(tmp_path):
+    warned = pytest.warns(MapdealWarning, match="the intact part is read")
+    with warned as found, cut_bag(tmp_path / "cut.db3", 60_000) as bag:
+        assert not list(bag.pieces([1]))
+    assert len(found) == 1

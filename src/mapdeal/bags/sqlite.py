@@ -73,13 +73,14 @@ class SqliteBag(Bag):
         query = f"SELECT topic_id, {time}, {row_id}, {length} FROM messages"  # noqa: S608
         try:
             cursor = self._select(f"{query} WHERE topic_id IN ({selected})")
-            for rows in _batches(cursor, self._is_cut):
+            for rows in _batches(cursor):
                 topics, times, ids, _ = np.array(rows, dtype=np.int64).T
                 yield MessageIndex(topics, times, ids, np.zeros(len(ids), np.int64))
         except sqlite3.DatabaseError as error:
             if _TOO_LONG in str(error) or _TOO_BIG in str(error):
                 raise self._error(error) from None
-            self.warn_once(f"{_describe(error)}; the messages before that place are read")
+            if not self._is_cut:  # else `_read_all_connections` has warned
+                self.warn_once(f"{_describe(error)}; the messages before that place are read")
         except (TypeError, ValueError, OverflowError):
             raise self.malformed("a time or topic of a message is not a whole number") from None
 
@@ -230,17 +231,15 @@ def _bytes_after_last_page(path: Path) -> int:
     return sources.status_of(path).st_size % size if size >= _SMALLEST_PAGE else 0
 
 
-def _batches(cursor: sqlite3.Cursor, is_cut: bool) -> Iterator[list[tuple[Any, ...]]]:
-    """Yield rows some at a time, all that precede a damage; a truncated file ends there."""
+def _batches(cursor: sqlite3.Cursor) -> Iterator[list[tuple[Any, ...]]]:
+    """Yield rows some at a time; before an error is raised, those that precede the damage."""
     while True:
         rows: list[tuple[Any, ...]] = []
         try:
             rows.extend(islice(cursor, _ROWS_TOGETHER))
-        except sqlite3.DatabaseError as error:
+        except sqlite3.DatabaseError:
             if rows:
                 yield rows
-            if is_cut and _TOO_LONG not in str(error):
-                return
             raise
         if not rows:
             return
