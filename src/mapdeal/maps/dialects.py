@@ -442,9 +442,9 @@ def cells_of(
     picture = picture[::-1]
     is_byte = picture.samples.dtype == np.uint8 and picture.samples.ndim == 2
     # All readers look the bytes of a PNM up in a table. Colours and opacities become wide numbers,
-    # so only some rows are converted at once.
+    # so fewer rows of them are converted at once.
     is_looked_up = is_byte and picture.file_format == "PNM"
-    most_pixels = picture.samples.size if is_looked_up else _PIXELS_AT_ONCE
+    most_pixels = 8 * _PIXELS_AT_ONCE if is_looked_up else _PIXELS_AT_ONCE
     cells = np.empty(picture.shape, dtype=np.int8) if out is None else out
     read = reader_of(picture, metadata, dialect)
     first = 0
