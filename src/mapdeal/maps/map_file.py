@@ -39,7 +39,7 @@ class Source:
 class MapFile(ABC):
     metadata: MapMetadata | None = None  # the YAML of a pair
     shape_by_rows: tuple[int, int] | None = None  # if `by_rows` reads rows in any order
-    has_lazy_rows = False  # whether `by_rows` reads them in order alone
+    has_lazy_rows = False  # whether `by_rows` reads them, but only in order
 
     def __init__(self, path: Path, states: Mapping[Path, FileState] | None = None) -> None:
         self.path = path

@@ -175,7 +175,7 @@ def remark_on_lost(count: int) -> str:
 
 
 bare_geometry: ContextVar[tuple[float, Origin] | None] = ContextVar("geometry", default=None)
-"""Resolution and origin of images named in place of a YAML file; states use the resolution."""
+"""Resolution and origin of images named in place of a YAML file, and the resolution of states."""
 
 
 def bare_images(resolution: float, origin: Origin) -> AbstractContextManager[None]:
