@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from itertools import product
+from itertools import pairwise, product
 from operator import add
 from typing import Annotated, NamedTuple
 
@@ -469,10 +469,11 @@ class Crossings(NamedTuple):
 def crossings_of(field: Floats) -> Crossings:
     with np.errstate(invalid="ignore"):
         positive, negative = field > 0, field < 0
-    cells, pairs = np.arange(field.size).reshape(field.shape), []
-    for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+    width, pairs = field.shape[1], []
+    for step, first, second in (1, np.s_[:, :-1], np.s_[:, 1:]), (width, np.s_[:-1], np.s_[1:]):
         changes = positive[first] & negative[second] | negative[first] & positive[second]
-        pairs.append([cells[first][changes], cells[second][changes]])
+        cells = np.ravel_multi_index(np.nonzero(changes), field.shape)
+        pairs.append([cells, cells + step])
     first_cells, second_cells = np.concatenate(pairs, axis=1)
     return Crossings(first_cells, second_cells, field == 0, field)
 
@@ -489,16 +490,15 @@ def thin_surface(field: Floats, crossings: Crossings) -> Mask:
     is_behind = (sizes[first] == sizes[second]) & (field.reshape(-1)[first] < 0)
     is_chosen[np.where((sizes[first] < sizes[second]) | is_behind, first, second)] = True
     cells, partners = np.append(first, second), np.append(second, first)
-    order = np.argsort(cells, kind="stable")
-    cells, partners = cells[order], partners[order]
-    needed = np.bincount(cells, ~is_chosen[partners], len(sizes))  # partners that are not chosen
-    spare = np.unique(cells[is_chosen[cells] & (needed[cells] == 0)])
-    spare = spare[np.argsort(-sizes[spare], kind="stable")]
-    begins, ends = (np.searchsorted(cells, spare, side).tolist() for side in ("left", "right"))
-    for cell, begin, end in zip(spare.tolist(), begins, ends, strict=True):
-        if needed[cell] == 0:
-            is_chosen[cell] = False
-            needed[partners[begin:end]] += 1
+    is_needed = np.zeros_like(is_chosen)  # whether a partner is not chosen
+    is_needed[cells[~is_chosen[partners]]] = True
+    pairs = np.flatnonzero(is_chosen[cells] & ~is_needed[cells])
+    pairs = pairs[np.lexsort((cells[pairs], -sizes[cells[pairs]]))]
+    spare, beside = cells[pairs], partners[pairs].tolist()
+    bounds = [*np.flatnonzero(np.diff(spare, prepend=-1)).tolist(), len(spare)]
+    for begin, end in pairwise(bounds):
+        if all(map(is_chosen.item, beside[begin:end])):
+            is_chosen[spare[begin]] = False
     thin_blocks(chosen, size)
     return chosen
 
