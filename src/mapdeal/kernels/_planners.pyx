@@ -2,7 +2,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Compiled search and trace of NavFn, without the GIL.
 
-The module navfn.py is its face to the rest; the algorithm is in navfn.h.
+The module searches.py is its face to the rest; the algorithm is in navfn.h.
 """
 
 from libc.stdint cimport int64_t, uint8_t

@@ -2,7 +2,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Compiled searches of Nav2's Smac and Theta* planners, without the GIL.
 
-The module smac.py is their face to the rest; the algorithms are in smac.h.
+The module searches.py is their face to the rest; the algorithms are in smac.h.
 """
 
 from libc.stdint cimport int64_t, uint8_t
